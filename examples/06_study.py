@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage.store import Store, create_study
 
@@ -34,9 +34,9 @@ def main() -> None:
 
     simulate_study(folder, PARTICIPANTS, seed=1)
     with Store(folder) as store:
-        analysis = analyse(store)
+        analysis = analyse_study(store)
         report = write_analysis(analysis, folder, folder / "analysis")
-    for row in analysis.objective:
+    for row in analysis.objective_outcomes:
         print(f"{row.task} {row.robot} {row.policy}: {row.successes} of {row.trials} trials succeeded")
     for test in analysis.tests:
         print(f"{test.family}, {test.quantity}, by {test.unit}: n = {test.n}, p = {test.p}")

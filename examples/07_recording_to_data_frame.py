@@ -17,7 +17,7 @@ print(f"{recording.configuration.environment}, policy {recording.configuration.p
 
 def frame(topic: str) -> pd.DataFrame:
     """The records of a topic, one row each, by time in seconds."""
-    times_ns, records = zip(*recording.topics[topic], strict=True)
+    times_ns, records = zip(*recording.messages_by_topic[topic], strict=True)
     index = pd.Index([time_ns / 1e9 for time_ns in times_ns], name="time_s")
     return pd.DataFrame([msgspec.to_builtins(record) for record in records], index=index)
 

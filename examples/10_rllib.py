@@ -52,7 +52,7 @@ policy = Policy(
 )
 observations = np.random.default_rng(0).normal(size=(100, layers[0].in_features)).astype(np.float32)
 expected = module.forward_inference({"obs": torch.as_tensor(observations)})["action_dist_inputs"][:, :joints]
-error = np.abs(policy.mean(observations) - expected.detach().numpy()).max()
+error = np.abs(policy.mean_actions(observations) - expected.detach().numpy()).max()
 print(f"largest difference from RLlib's own action: {error:.1e}")
 policy.save("rllib.safetensors", overwrite=True)
 ray.shutdown()

@@ -15,7 +15,7 @@ from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import Control
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.vr.emulation.in_process_client import InProcessClient
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 
@@ -60,7 +60,9 @@ def session(environment: str, policy: str, *, withdraws: bool) -> Iterator[Trial
         withdraw_after_success=withdraws,
     )
     with tempfile.TemporaryDirectory() as folder:
-        client = InProcessClient(SimulatedParticipant(draw_traits(plan.sex, 0), 0), lambda _: None)
+        client = InProcessClient(
+            SimulatedParticipant(sample_participant_traits(plan.sex, 0), 0), lambda _: None
+        )
         running = Session(plan, load_policies(plan), Path(folder), client.receive, identifier="after-success")
         client.run(running)
         yield from (trial(read_recording(path)) for path in running.recordings)
@@ -68,9 +70,13 @@ def session(environment: str, policy: str, *, withdraws: bool) -> Iterator[Trial
 
 def trial(recording: Recording) -> Trial:
     """What a recording holds; without success all of it is before."""
-    steps: list[tuple[int, Control]] = recording.topics["/control"]
+    steps: list[tuple[int, Control]] = recording.messages_by_topic["/control"]
     success_ns = next((time_ns for time_ns, step in steps if step.success), None)
-    acts_ns = [time_ns for time_ns, event in recording.topics["/events"] if event.name == INTERVENTION_EVENT]
+    acts_ns = [
+        time_ns
+        for time_ns, event in recording.messages_by_topic["/events"]
+        if event.name == INTERVENTION_EVENT
+    ]
     if success_ns is None:
         return Trial(len(acts_ns), 0, [])
     after = [step.force_on_person_n for time_ns, step in steps if time_ns > success_ns]

@@ -55,7 +55,7 @@ def measure(environments: Sequence[str]) -> None:
 def _episodes(environment: str, seeds: Sequence[int]) -> dict[str, list]:
     """Sex, stature, body mass index, success and reach of each episode."""
     worlds = Episodes(environment, len(seeds), people="anthropometric", num_threads=1)
-    policy = registry.find("adaptive", environment)
+    policy = registry.resolve_policy("adaptive", environment)
     assert isinstance(policy, Policy)
     generators = [np.random.default_rng(seed) for seed in seeds]
     observation = worlds.reset(np.arange(len(seeds)), generators)

@@ -20,17 +20,22 @@ from scipy import optimize, stats
 
 import figures_file
 from avrgym.analysis.fit_behaviour import fit_behaviour
-from avrgym.analysis.fit_people import fit_people, write_people
-from avrgym.analysis.recorded_motion import CHANNELS, RecordedMotion, read_motion
+from avrgym.analysis.fit_people import fit_people, write_people_file
+from avrgym.analysis.recorded_motion import MOTION_JOINTS, RecordedMotion, read_recorded_motion
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, People
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.people import motor
-from avrgym.people.people_file import Estimate
+from avrgym.people.people_file import MeanAndDeviation
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, apply_partner_bodies, parameters_of
+from avrgym.people.zoo.partners import (
+    DEFAULT_PARAMETER_BOUNDS,
+    PARAMETER_BOUNDS,
+    apply_partner_bodies,
+    parameters_of,
+)
 from avrgym.study.export.trials import completed_attempts
-from avrgym.study.sessions.simulation import draw_participant_traits, find_dry_run
+from avrgym.study.sessions.simulation import draw_participant_traits, find_dry_run_settings
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_atomically
 
@@ -93,7 +98,8 @@ def motions_of(folder: Path) -> list[RecordedMotion]:
     """Motions in all completed trials."""
     with Store(folder) as store:
         return [
-            read_motion(each.participant.pseudonym, each.read_whole()) for each in completed_attempts(store)
+            read_recorded_motion(each.participant.pseudonym, each.read_complete_recording())
+            for each in completed_attempts(store)
         ]
 
 
@@ -102,11 +108,11 @@ def recover(folder: Path) -> Iterator[str]:
     fit = fit_people(folder)
     assert fit.behaviour is not None
     if not (folder / "fitted.toml").exists():
-        write_people(fit, folder / "fitted.toml")
-    run = find_dry_run(SEED, str(folder / "group.toml"), "none")
+        write_people_file(fit, folder / "fitted.toml")
+    run = find_dry_run_settings(SEED, str(folder / "group.toml"), "none")
     with Store(folder) as store:
         true = [
-            draw_participant_traits(store.participant(name), run).partner
+            draw_participant_traits(store.participant(name), run).partner_parameters
             for name in fit.behaviour.participants
         ]
     within = stats.norm.ppf(0.5 + 0.5 * COVERAGE)
@@ -115,14 +121,16 @@ def recover(folder: Path) -> Iterator[str]:
     covered: list[np.ndarray] = []
     for name, found in fit.behaviour.parameters.items():
         values = np.array([float(getattr(each, name)[0]) for each in true])
-        error = found.mean - values
-        covered.append(np.abs(error) < within * found.deviation)
+        error = found.posterior_mean - values
+        covered.append(np.abs(error) < within * found.posterior_sd)
         rows[name] = figures = {
             "true": [float(values.mean()), float(values.std())],
-            "fitted": [found.group_mean, found.group_deviation],
+            "fitted": [found.group_mean, found.group_sd],
             "rmse": float(np.sqrt(np.mean(error**2))),
-            "posterior_sd": float(np.sqrt(np.mean(found.deviation**2))),
-            "correlation": float(np.corrcoef(values, found.mean)[0, 1]) if np.ptp(found.mean) > 1e-9 else 0.0,
+            "posterior_sd": float(np.sqrt(np.mean(found.posterior_sd**2))),
+            "correlation": float(np.corrcoef(values, found.posterior_mean)[0, 1])
+            if np.ptp(found.posterior_mean) > 1e-9
+            else 0.0,
             "coverage": float(covered[-1].mean()),
         }
         (mean, sd), (group_mean, group_sd) = figures["true"], figures["fitted"]
@@ -153,20 +161,23 @@ def features(motion: RecordedMotion, *, slow_waist: bool) -> tuple[np.ndarray, l
     is removed. Inverse kinematics with a measured torso height adds some, which refitted motion lacks.
     """
     size = round(WINDOW_S * FRAME_HZ)
-    angles = np.degrees(motion.angles_rad[SUBSTEPS * motion.start + 1 :: 2, :4])
+    angles = np.degrees(motion.angles_rad[DEFAULT_SUBSTEPS * motion.first_active_sample + 1 :: 2, :4])
     if slow_waist:
         smooth = np.hanning(SMOOTHED_FRAMES + 2)[1:-1]
         for channel in (0, 1):
             ends = np.pad(angles[:, channel], SMOOTHED_FRAMES // 2, mode="edge")
             angles[:, channel] = np.convolve(ends, smooth / smooth.sum(), mode="valid")[: len(angles)]
-    gap_m = np.repeat(np.linalg.norm(motion.tool_w - motion.head_w, axis=1)[motion.start :], SUBSTEPS // 2)
+    gap_m = np.repeat(
+        np.linalg.norm(motion.tool_pos_w - motion.head_pos_w, axis=1)[motion.first_active_sample :],
+        DEFAULT_SUBSTEPS // 2,
+    )
     speed = np.gradient(angles, 1.0 / FRAME_HZ, axis=0)
     acceleration = np.gradient(speed, 1.0 / FRAME_HZ, axis=0)
     hertz, rows = np.fft.rfftfreq(size, 1.0 / FRAME_HZ), []
     for first in range(0, len(angles) - size + 1, size):
         window = slice(first, first + size)
         row = {"tool distance": gap_m[window].mean()}
-        for channel, name in enumerate(CHANNELS[:4]):
+        for channel, name in enumerate(MOTION_JOINTS[:4]):
             own = angles[window, channel]
             power = np.abs(np.fft.rfft((own - own.mean()) * np.hanning(size))) ** 2
             row[f"{name} mean"] = own.mean()
@@ -192,7 +203,7 @@ class Perceived:
 
 
 def refitted(
-    motions: Sequence[RecordedMotion], estimates: Mapping[str, Mapping[str, Estimate]]
+    motions: Sequence[RecordedMotion], estimates: Mapping[str, Mapping[str, MeanAndDeviation]]
 ) -> list[RecordedMotion]:
     """Motion of people with fitted parameters, who perceive the recorded tool: with noise, sway and tremor.
 
@@ -201,28 +212,28 @@ def refitted(
     rng = np.random.default_rng(SEED)
     sampled = {
         name: {
-            key: float(np.clip(rng.normal(*estimate), *PARAMETER_BOUNDS.get(key, ANY_VALUE)))
+            key: float(np.clip(rng.normal(*estimate), *PARAMETER_BOUNDS.get(key, DEFAULT_PARAMETER_BOUNDS)))
             for key, estimate in own.items()
         }
         for name, own in estimates.items()
     }
     parameters = parameters_of([sampled[each.participant] for each in motions])
-    people = apply_partner_bodies(People.of([each.person for each in motions]), parameters)
+    people = apply_partner_bodies(People.from_persons([each.person for each in motions]), parameters)
     state = partner_behaviour.initial_state(people, parameters, rng.random((len(motions), 4)))
-    moved, shown = partner_behaviour.motor_state(state, people), []
-    for step in range(max(len(each.tool_w) for each in motions)):
+    moved, shown = partner_behaviour.initial_motor_state(state, people), []
+    for step in range(max(len(each.tool_pos_w) for each in motions)):
         now = Perceived(
             *(
-                np.stack([getattr(each, name)[min(step, len(each.tool_w) - 1)] for each in motions])
+                np.stack([getattr(each, name)[min(step, len(each.tool_pos_w) - 1)] for each in motions])
                 for name in ("tool_w", "head_w", "mouth_w", "right_arm_w")
             )
         )
-        state, goals = partner_behaviour.choose_goals(
-            replace(state, targets_rad=moved.angles_rad), now, motions[0].offered, motions[0].posture
+        state, goals = partner_behaviour.choose_goal_angles(
+            replace(state, targets_rad=moved.angles_rad), now, motions[0].offered_part, motions[0].posture
         )
-        moved = motor.set_goal(moved, goals, partner_behaviour.are_startled(state))
-        moved, targets = motor.next_targets_rad(moved, SUBSTEPS)
-        shown.append(targets[..., [JOINT_INDEX[name] for name in CHANNELS]])
+        moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
+        moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
+        shown.append(targets[..., [JOINT_INDEX[name] for name in MOTION_JOINTS]])
     angles = np.repeat(np.concatenate(shown)[1::2], 2, axis=0)
     return [
         replace(each, angles_rad=angles[: len(each.angles_rad), number])

@@ -9,8 +9,8 @@ import argparse
 
 import numpy as np
 
-from avrgym.commands.head_motion import SAMPLE_S, HeadGestures
-from avrgym.commands.preferences import Thresholds
+from avrgym.commands.head_motion import MIN_SAMPLE_INTERVAL_S, HeadGestureDetector
+from avrgym.commands.preferences import GestureThresholds
 from avrgym.geometry import transforms
 from avrgym.people.zoo.styles import STYLES
 from avrgym.policies import registry
@@ -34,16 +34,16 @@ class Source:
 
 
 def head_motion(people: str, worlds: int, seed: int) -> np.ndarray:
-    """Orientations (T, N, 4) of the heads of N people in an episode, at intervals of ``SAMPLE_S``."""
+    """Orientations (T, N, 4) of the heads of N people in an episode, at intervals of ``MIN_SAMPLE_INTERVAL_S``."""
     episodes = Episodes(ENVIRONMENT, worlds, people=people, num_threads=1)
     generators = [np.random.default_rng([seed, world]) for world in range(worlds)]
     episodes.reset(np.arange(worlds), generators)
     found = []
-    ticks, every = STEPS * episodes.scene.substeps, round(SAMPLE_S / 0.01)
-    with registry.open_policy(registry.find("revised", ENVIRONMENT), episodes, generators) as act:
+    ticks, every = STEPS * episodes.scene.substeps, round(MIN_SAMPLE_INTERVAL_S / 0.01)
+    with registry.open_policy(registry.resolve_policy("revised", ENVIRONMENT), episodes, generators) as act:
         source = Source(lambda observation: act(observation).astype(float))
         for tick in range(ticks):
-            episodes.loop.tick(source)
+            episodes.control_loop.tick(source)
             if tick % every == 0:
                 found.append(transforms.multiply(episodes.state().head_q_w, UP_IS_Y))
     return np.array(found)
@@ -51,11 +51,11 @@ def head_motion(people: str, worlds: int, seed: int) -> np.ndarray:
 
 def detections(q: np.ndarray) -> list[tuple[float, int, str]]:
     """Time, head and name of each detected gesture."""
-    detector = HeadGestures(Thresholds(), q.shape[1])
+    detector = HeadGestureDetector(GestureThresholds(), q.shape[1])
     found = []
     for sample, row in enumerate(q):
-        for name, done in detector.update(row, sample * SAMPLE_S).items():
-            found += [(sample * SAMPLE_S, int(head), name) for head in np.flatnonzero(done)]
+        for name, done in detector.update(row, sample * MIN_SAMPLE_INTERVAL_S).items():
+            found += [(sample * MIN_SAMPLE_INTERVAL_S, int(head), name) for head in np.flatnonzero(done)]
     return found
 
 
@@ -63,7 +63,7 @@ def with_gestures(
     q: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, list[tuple[float, float, int, str]]]:
     """The motion with added gestures, and for each one its start, end, head and name."""
-    times_s = np.arange(len(q)) * SAMPLE_S
+    times_s = np.arange(len(q)) * MIN_SAMPLE_INTERVAL_S
     turned, added = np.zeros((*q.shape[:2], 3)), []
     for head in range(q.shape[1]):
         for start_s in np.arange(3.0, times_s[-1] - INTERVAL_S, INTERVAL_S):
@@ -86,7 +86,7 @@ def main() -> None:
     total = np.zeros(5)
     for style in STYLES:
         q = head_motion(f"zoo/unseen/{style}", arguments.worlds, arguments.seed)
-        minutes = q.shape[1] * len(q) * SAMPLE_S / 60.0
+        minutes = q.shape[1] * len(q) * MIN_SAMPLE_INTERVAL_S / 60.0
         alarms = len(detections(q))
         moved, added = with_gestures(q, np.random.default_rng(arguments.seed))
         found = detections(moved)

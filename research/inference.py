@@ -11,24 +11,24 @@ from itertools import product
 
 import numpy as np
 
-from avrgym.analysis.answers.trial_answers import answer_families
-from avrgym.analysis.models.effects import POLICIES, TrialValue, design_matrix, effects
-from avrgym.analysis.models.estimate import FitError
-from avrgym.analysis.models.fitting import random_effects
-from avrgym.analysis.models.mixed import MixedFit, fit_mixed
-from avrgym.analysis.outcomes.outcomes import outcome_families
-from avrgym.analysis.power.simulated_studies import Answers, Assumptions, SimulatedStudies
-from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.answers.trial_answers import answer_test_families
+from avrgym.analysis.models.effects import POLICY_EFFECT, TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.models.estimate import ModelFitError
+from avrgym.analysis.models.fitting import random_effect_labels
+from avrgym.analysis.models.mixed import MixedModelFit, fit_mixed_model
+from avrgym.analysis.outcomes.outcomes import outcome_test_families
+from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedAnswers, SimulatedStudies
+from avrgym.analysis.primary import assign_result_roles
 from avrgym.analysis.reading.rows import AnswerRow, TrialRow
-from avrgym.analysis.statistics.comparisons import PARTICIPANT, TRIAL, ComparisonRow
-from avrgym.analysis.statistics.tests import clustered_wilson_interval, signed_rank, significance_stars
+from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT, TRIAL_UNIT, ComparisonRow
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, signed_rank_test, significance_stars
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
-from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
+from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.plan.plan import ExclusionRules, Hypothesis, Plan
 from papers_results import row
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 STUDIES = 1000
 
 
@@ -44,12 +44,12 @@ def imagined(
     plan: Plan | None = None,
 ) -> list[ComparisonRow]:
     """All tests of a study in which the last policy is rated ``effect`` points better, as the report has them."""
-    answers = studies.answers(effect, people, number)
+    answers = studies.simulate_answers(effect, people, number)
     families = [
-        *outcome_families(design, list(_trials(design, people, number))),
-        *answer_families(design, list(_answers(design, studies, answers))),
+        *outcome_test_families(design, list(_trials(design, people, number))),
+        *answer_test_families(design, list(_answers(design, studies, answers))),
     ]
-    return [each for family in assign_roles(families, [], plan).families for each in family.rows]
+    return [each for family in assign_result_roles(families, [], plan).families for each in family.rows]
 
 
 def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, int]]:
@@ -58,7 +58,7 @@ def _conditions(design: Design, people: int) -> Iterator[tuple[int, int, int, in
     )
 
 
-def _answers(design: Design, studies: SimulatedStudies, answers: Answers) -> Iterator[AnswerRow]:
+def _answers(design: Design, studies: SimulatedStudies, answers: SimulatedAnswers) -> Iterator[AnswerRow]:
     items = studies.questionnaire.items
     for person, task, robot, policy in _conditions(design, len(answers)):
         for place, item in enumerate(items):
@@ -120,21 +120,21 @@ def _first(rows: Sequence[ComparisonRow]) -> bool:
 
 ANY: Mapping[str, Finds] = {
     "primary results, corrected jointly: any star in figures and headline tables": any_star,
-    "the same tests, Holm within each of the three families": _by_holm(PARTICIPANT, ""),
-    "policies by participant, Holm within four answers": _by_holm(PARTICIPANT, "policies, by"),
-    "policies by trial, Holm within four answers": _by_holm(TRIAL, "policies, by"),
+    "the same tests, Holm within each of the three families": _by_holm(PARTICIPANT_UNIT, ""),
+    "policies by participant, Holm within four answers": _by_holm(PARTICIPANT_UNIT, "policies, by"),
+    "policies by trial, Holm within four answers": _by_holm(TRIAL_UNIT, "policies, by"),
 }
 OF_FIRST: Mapping[str, Finds] = {
     "L1 between policies, corrected jointly over nine primary results": _first,
-    "L1 between policies, Holm within four answers": _by_holm(PARTICIPANT, "policies, by", "L1"),
+    "L1 between policies, Holm within four answers": _by_holm(PARTICIPANT_UNIT, "policies, by", "L1"),
 }
 WITH_PLAN: Mapping[str, Finds] = {
     "L1 between policies, corrected jointly over the four answers of a plan": _first,
 }
-FAMILY = f"policies, by {PARTICIPANT}"
+FAMILY = f"policies, by {PARTICIPANT_UNIT}"
 PLAN = Plan(
     participants=8,
-    exclusion=Exclusion(0.5),
+    exclusion=ExclusionRules(0.5),
     hypotheses=(Hypothesis("H1", "Policies differ.", ("L1", "L2", "L3", "L4"), (FAMILY,)),),
 )
 
@@ -149,7 +149,7 @@ def stars() -> Iterator[str]:
         (1.0, 12, None, OF_FIRST),
         (1.0, 12, PLAN, WITH_PLAN),
     ):
-        studies = SimulatedStudies(DESIGN, Assumptions(), 1)
+        studies = SimulatedStudies(DESIGN, PowerAssumptions(), 1)
         found = [imagined(DESIGN, studies, effect, people, number, plan) for number in range(STUDIES)]
         for name, finds in procedures.items():
             yield row(f"{effect:g}", people, name, share(sum(map(finds, found)), STUDIES))
@@ -189,10 +189,16 @@ def effect_sizes() -> Iterator[str]:
         rng = np.random.default_rng(people)
         cells: list[str] = []
         for shift in SHIFTS:
-            truth = np.mean([signed_rank(each).effect for each in _differences(rng, shift, (200, 600))])
-            found = [signed_rank(each) for each in _differences(rng, shift, (2 * STUDIES, people))]
+            truth = np.mean(
+                [signed_rank_test(each).effect_size for each in _differences(rng, shift, (200, 600))]
+            )
+            found = [signed_rank_test(each) for each in _differences(rng, shift, (2 * STUDIES, people))]
             ends = np.array(
-                [(each.effect_low, each.effect_high) for each in found if each.effect is not None]
+                [
+                    (each.effect_size_low, each.effect_size_high)
+                    for each in found
+                    if each.effect_size is not None
+                ]
             )
             cells.append(f"{100.0 * _covers(ends, float(truth)):.0f}")
         yield row(people, *cells)
@@ -236,24 +242,24 @@ def _both(spreads: Sequence[float], number: int) -> Both | None:
     observed = list(_observed(spreads, number))
     names = design_matrix(DESIGN, observed)
     matrix = np.hstack([np.ones((len(observed), 1)), names.matrix])
-    (effect,) = (each for each in effects(DESIGN) if each.kind == POLICIES)
+    (effect,) = (each for each in effects_of_interest(DESIGN) if each.kind == POLICY_EFFECT)
     contrast = np.concatenate([[0.0], names.contrast(effect)])
-    together = random_effects(observed)
+    together = random_effect_labels(observed)
     values, people = [each.value for each in observed], [each.participant for each in observed]
 
-    def fit(kept: Sequence[str]) -> MixedFit:
-        return fit_mixed(values, matrix, people, [together[each] for each in kept])
+    def fit(kept: Sequence[str]) -> MixedModelFit:
+        return fit_mixed_model(values, matrix, people, [together[each] for each in kept])
 
     try:
         unbounded = fit(list(together))
         bounded, kept = unbounded, list(together)
-        while bounded.zero_variances:
-            kept.pop(int(np.argmin(bounded.variances[:-1])))
+        while bounded.zero_variance_indices:
+            kept.pop(int(np.argmin(bounded.variance_components[:-1])))
             bounded = fit(kept)
         p, held = unbounded.estimate(contrast).p, bounded.estimate(contrast).p
-    except FitError:
+    except ModelFitError:
         return None
-    zero_variances = [list(together)[place] for place in unbounded.zero_variances]
+    zero_variances = [list(together)[place] for place in unbounded.zero_variance_indices]
     return p < 0.05, held < 0.05, bool(zero_variances), "participant by policy" in zero_variances
 
 

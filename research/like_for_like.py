@@ -78,7 +78,7 @@ def train_all() -> None:
         if _name(run, run.people) in read(FIGURES_FILE):
             continue
         out = UNDER_WAY / run.name
-        if configuration.contains_training(out):
+        if configuration.contains_training_run(out):
             policy = training.resume(out)
         else:
             steps = STEPS[find_environment(run.environment)[0]]

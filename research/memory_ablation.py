@@ -36,7 +36,7 @@ def main() -> None:
 def train() -> None:
     """Train or continue every policy."""
     from avrgym.learning import recurrent_recipe, training
-    from avrgym.learning.configuration import RecurrentConfiguration, contains_training
+    from avrgym.learning.configuration import RecurrentConfiguration, contains_training_run
 
     recurrent = recurrent_recipe.RecurrentNetwork
 
@@ -52,7 +52,7 @@ def train() -> None:
         for kind, with_memory in KINDS.items():
             recurrent_recipe.RecurrentNetwork = recurrent if with_memory else WithoutMemory
             out = _folder(environment, kind)
-            if contains_training(out):
+            if contains_training_run(out):
                 if not _has_ended(out):
                     training.resume(out)
                 continue

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from avrgym.models.human import JOINT_INDEX
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people.zoo.styles import STYLES
 from avrgym.policies import registry
 from avrgym.tasks.episodes import Episodes
@@ -51,18 +51,18 @@ def largest(places: np.ndarray, order: int) -> float:
 def path(environment: str, people: str, worlds: int) -> tuple[np.ndarray, np.ndarray]:
     """Angles of the neck and positions of the right wrist, (T, N, 3) each."""
     episodes = Episodes(environment, worlds, people=people, num_threads=1)
-    policy = registry.find("adaptive", environment)
+    policy = registry.resolve_policy("adaptive", environment)
     generators = [np.random.default_rng(seed) for seed in range(worlds)]
     observation = episodes.reset(np.arange(worlds), generators)
     act = registry.action_function(policy, episodes, generators)
     heads, hands = [], []
     for _ in range(STEPS):
         action = act(observation)
-        episodes.command(action)
-        for substep in range(SUBSTEPS):
+        episodes.command_robots(action)
+        for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            heads.append(episodes.simulation.person_angles_rad()[:, HEAD])
-            hands.append(episodes.simulation.right_arm().right_arm_pos_w[:, 2])
+            heads.append(episodes.simulation.person_joint_angles_rad()[:, HEAD])
+            hands.append(episodes.simulation.arm_poses().right_arm_pos_w[:, 2])
         observation = episodes.evaluate_step(action).observation
     return np.array(heads), np.array(hands)
 

@@ -75,8 +75,8 @@ def main() -> None:
 def train(arguments: Sequence[str]) -> None:
     """Train every policy with fewer steps, in all environments unless some are named."""
     from avrgym.learning import training
-    from avrgym.learning.configuration import contains_training
-    from avrgym.learning.hyperparameters import PAPER
+    from avrgym.learning.configuration import contains_training_run
+    from avrgym.learning.hyperparameters import PAPER_HYPERPARAMETERS
 
     if not arguments or not arguments[0].isdigit():
         sys.exit(__doc__)
@@ -85,11 +85,11 @@ def train(arguments: Sequence[str]) -> None:
         if run.environment not in environments or run.steps >= steps:
             continue
         out = UNDER_WAY / run.name
-        if contains_training(out):
+        if contains_training_run(out):
             policy = training.resume(out, steps=steps)
         else:
             configuration = training.configuration_for(
-                run.environment, run.people, steps, TRAINING_SEED, hyperparameters=PAPER
+                run.environment, run.people, steps, TRAINING_SEED, hyperparameters=PAPER_HYPERPARAMETERS
             )
             policy = training.train(configuration, out)
         print(run.name, policy.metadata.measured["success_rate"], flush=True)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from avrgym.learning.evaluation import Evaluation, evaluate_all
-from avrgym.people.population_names import REFERENCE_IMPAIRMENTS, SEVERITIES
+from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, SEVERITIES
 from avrgym.policies.trained import packaged_policies
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import add, chosen, name_of, read, success_and_force
@@ -38,7 +38,7 @@ GROUPS = {
     "participants": Group("participants"),
     **{
         impairment: Group("participants", impairment)
-        for impairment in reversed(REFERENCE_IMPAIRMENTS)
+        for impairment in reversed(ASSISTIVE_GYM_IMPAIRMENTS)
         if impairment != "none"
     },
     "guarded": Group("participants", force_guard=True),

@@ -65,7 +65,7 @@ def reach(environment: str) -> dict[str, float]:
     off_rad = transforms.to_rotation_vector(transforms.multiply(reached_q, transforms.conjugate(q)))
     start = (_length(reached_pos - pos) < 0.005) & (_length(off_rad) < 0.05)
     plans, goals = placement.planning_chain(episodes.scene), []
-    travel = np.zeros((STARTS, len(plans.lower) - len(chain.lower)))
+    travel = np.zeros((STARTS, len(plans.lower_limit) - len(chain.lower_limit)))
     joints = np.concatenate([travel, joints], axis=-1)
     for goal in range(goal_pos_w.shape[1]):
         pos, q = transforms.compose(*to_base, goal_pos_w[:, goal], goal_q_w[:, goal])

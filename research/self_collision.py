@@ -29,7 +29,7 @@ def main() -> None:
             environment, settings = f"avrgym/{name}-v1", Settings(self_collision=on)
             found = evaluate(environment, "oracle", PEOPLE, EPISODES, SEED, settings=settings)
             episodes = Episodes(environment, STARTS, people=PEOPLE, num_threads=1, settings=settings)
-            add(FIGURES_FILE, key, {**chosen(found, FIGURES), "draws": draw_starts(episodes).mean})
+            add(FIGURES_FILE, key, {**chosen(found, FIGURES), "draws": draw_starts(episodes).mean_draws})
 
 
 if __name__ == "__main__":

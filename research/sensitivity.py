@@ -18,10 +18,10 @@ from typing import cast
 import numpy as np
 
 from avrgym.learning.evaluation import evaluate
-from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution
+from avrgym.people.distributions import NAMED_DISTRIBUTIONS, PeopleDistribution
 from avrgym.people.population_names import TRAIN_ZOO
 from avrgym.people.zoo.partners import (
-    ANY_VALUE,
+    DEFAULT_PARAMETER_BOUNDS,
     PARAMETER_BOUNDS,
     PARTNER_PARAMETERS,
     PARTNERS,
@@ -74,13 +74,18 @@ def _name(environment: str, parameter: str, end: str) -> str:
 def _ranges(parameter: str) -> dict[str, tuple[float, float]]:
     """First and last value of a parameter, by style that uses it."""
     return {
-        name: axis[parameter] for name, style in STYLES.items() for axis in style.axes if parameter in axis
+        name: axis[parameter]
+        for name, style in STYLES.items()
+        for axis in style.axis_ranges
+        if parameter in axis
     }
 
 
 def _value(ends: tuple[float, float], parameter: str, level: float) -> float:
     first, last = ends
-    return float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(parameter, ANY_VALUE)))
+    return float(
+        np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(parameter, DEFAULT_PARAMETER_BOUNDS))
+    )
 
 
 def _set_level(parameter: str, level: float) -> None:
@@ -92,9 +97,9 @@ def _set_level(parameter: str, level: float) -> None:
             values[index] = _value(ranges[partner.style], parameter, level)
     partners = PartnerSet(
         replace(PARTNER_PARAMETERS, **{parameter: values}),
-        tuple(SINGLE_STYLE_SETS[f"{TRAIN_ZOO}/{style}"].groups[0] for style in ranges),
+        tuple(SINGLE_STYLE_SETS[f"{TRAIN_ZOO}/{style}"].group_rows[0] for style in ranges),
     )
-    named = cast("dict[str, Distribution]", NAMED_DISTRIBUTIONS)
+    named = cast("dict[str, PeopleDistribution]", NAMED_DISTRIBUTIONS)
     named[TRAIN_ZOO] = replace(named[TRAIN_ZOO], partners=partners)
 
 

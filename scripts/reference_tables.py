@@ -11,20 +11,20 @@ from typing import Any
 
 from avrgym.learning.evaluation import Evaluation, wilson_interval
 from avrgym.people.zoo.commanding import COMMANDING_SETS
-from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOO_PARTNER_SETS
 from avrgym.people.zoo.styles import (
     COMMAND_SOURCES,
     COMMANDING,
     COMMANDING_STYLE,
     PARAMETER_SOURCES,
     STYLES,
-    Style,
+    BehaviourStyle,
 )
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.questionnaires.instrument import Instrument
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.safety.approach_speed import effective_mass_kg
-from avrgym.safety.force_guard import INTERVENTION_SHARE
+from avrgym.safety.force_guard import INTERVENTION_FORCE_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, ROBOTS, TASKS, observation_and_action_size
@@ -92,7 +92,8 @@ def body_regions() -> Lines:
     environments = {robot: f"avrgym/Feeding{robot}-v1" for robot in ("Jaco", "PR2")}
     speeds = {
         robot: max_impact_speed_m_s(
-            INTERVENTION_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(Episodes(environment, 1).simulation)
+            INTERVENTION_FORCE_SHARE * QUASI_STATIC_LIMIT_N,
+            effective_mass_kg(Episodes(environment, 1).simulation),
         )
         for robot, environment in environments.items()
     }
@@ -214,19 +215,19 @@ def zoo_partners() -> Lines:
         (f"`{name}`", *(_ranges(style, axis) for axis in AXES), _counts(name))
         for name, style in ALL_STYLES.items()
     ]
-    total = " + ".join(str(len(partners)) for partners in ZOOS.values())
+    total = " + ".join(str(len(partners)) for partners in ZOO_PARTNER_SETS.values())
     all_but = f"all but `{COMMANDING}`"
     return table(
         ("style", *AXES, "partners, train + unseen + extreme"), [*rows, (all_but, "", "", "", total)]
     )
 
 
-def _ranges(style: Style, axis: str) -> str:
+def _ranges(style: BehaviourStyle, axis: str) -> str:
     return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, axis).items())
 
 
 def _counts(name: str) -> str:
-    return " + ".join(str(len(_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOOS)
+    return " + ".join(str(len(_STYLE_SETS[f"{zoo}/{name}"])) for zoo in ZOO_PARTNER_SETS)
 
 
 def instruments() -> Lines:
@@ -239,9 +240,9 @@ def instruments() -> Lines:
 
 
 def _answers(instrument: Instrument) -> str:
-    response = instrument.response
+    response = instrument.response_scale
     steps = f" in steps of {response.step}" if response.step != 1 else ""
-    return f"{response.lowest} to {response.highest}{steps}"
+    return f"{response.lowest_value} to {response.highest_value}{steps}"
 
 
 def evaluation() -> Lines:

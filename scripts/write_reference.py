@@ -16,11 +16,11 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.networks.policy import HumanRole, PolicyMetadata
+from avrgym.networks.policy import PolicyMetadata, TrainedHumanMetadata
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.stop_rules import StopRule
 from avrgym.recording import schema
-from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, TrackedPart, Versions
+from avrgym.recording.configuration import BodyModel, HeadsetCheck, TrackedPart, TrialConfiguration, Versions
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.design import design
 from avrgym.vr.protocol import messages
@@ -39,7 +39,7 @@ STUDY_TABLES = {
     "`[database]`": design.DatabaseConfig,
 }
 RECORDING_PARTS = [
-    ("The configuration", Configuration),
+    ("The configuration", TrialConfiguration),
     ("Versions", Versions),
     ("The body model", BodyModel),
     ("The headset check", HeadsetCheck),
@@ -49,7 +49,7 @@ RECORDING_PARTS = [
     ("A pose", schema.Pose),
 ]
 NAMES: dict[type, str] = {kind: name for name, kind in STUDY_TABLES.items()} | {
-    HumanRole: "the role of a human",
+    TrainedHumanMetadata: "the role of a human",
     **{kind: title.lower() for title, kind in RECORDING_PARTS},
     messages.XRPose: "a pose",
     schema.Pose: "a pose",
@@ -82,7 +82,7 @@ def main() -> None:
             [*RECORDING_PARTS, *((f"`{topic}`", kind) for topic, kind in schema.TOPICS.items())]
         ),
         "study_file": structs(STUDY_TABLES.items()),
-        "policy_file": structs([("The header", PolicyMetadata), ("A human", HumanRole)]),
+        "policy_file": structs([("The header", PolicyMetadata), ("A human", TrainedHumanMetadata)]),
     }
     for name, lines in (pages | {name: write() for name, write in TABLES.items()}).items():
         (OUT / f"{name}.md").write_text("\n".join(lines) + "\n", encoding="utf-8")

@@ -16,7 +16,7 @@ from avrgym.models.collision_bits import COLLISION_GROUP
 from avrgym.policies.trained import load_policy, packaged_policies
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
-from avrgym.tasks.constants import ENVIRONMENTS
+from avrgym.tasks.constants import PACKAGED_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 
 SCENES = Path(__file__).parents[1] / "client" / "tests" / "data" / "scenes.json"
@@ -27,7 +27,9 @@ SEED = 7
 
 def main() -> None:
     """Write the file, of the environments with a revised policy."""
-    chosen = [environment for environment in ENVIRONMENTS if "revised" in packaged_policies(environment)]
+    chosen = [
+        environment for environment in PACKAGED_ENVIRONMENTS if "revised" in packaged_policies(environment)
+    ]
     scenes = [scene for environment in chosen for scene in scenes_of(environment)]
     SCENES.write_text(json.dumps(scenes, separators=(",", ":")) + "\n")
 
@@ -45,7 +47,7 @@ def scenes_of(environment: str) -> list[dict[str, Any]]:
         episodes.step(policy.act(episodes.observe(), generators))
     simulation.brake_robot()
     retreat = Retreat(simulation)
-    while (action := retreat.action()) is not None:
+    while (action := retreat.next_action()) is not None:
         simulation.command_robot(action[None])
         simulation.step()
     return [before, scene_of(f"{environment} after", simulation)]

@@ -27,9 +27,9 @@ from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.texts.interface_texts import included_languages, read_texts
 from avrgym.vr.latency import STAGE_LABELS
 from avrgym.vr.protocol import messages, state_encoding, webxr
-from avrgym.vr.session.phases import phases_with
+from avrgym.vr.session.phases import phase_names_with
 from avrgym.vr.tracking import arm, body, switches
-from avrgym.vr.tracking.frames import STALE_S
+from avrgym.vr.tracking.frames import STALE_POSE_AGE_S
 
 CLIENT = Path(__file__).parents[1] / "client"
 
@@ -70,12 +70,12 @@ PARTS_OF_MESSAGES = (
 )
 
 CONSTANTS = {
-    "PROTOCOL": messages.PROTOCOL,
+    "PROTOCOL": messages.PROTOCOL_VERSION,
     "STATES_PER_RECEIPT": messages.STATES_PER_RECEIPT,
-    "STALE_S": STALE_S,
+    "STALE_S": STALE_POSE_AGE_S,
     "TICK_S": messages.TICK_S,
-    "JOINT_STEPS": json.dumps(state_encoding.JOINT_STEPS.tolist()),
-    "POSE_STEPS": json.dumps(state_encoding.POSE_STEPS.tolist()),
+    "JOINT_STEPS": json.dumps(state_encoding.JOINT_QUANTISATION_STEPS.tolist()),
+    "POSE_STEPS": json.dumps(state_encoding.POSE_QUANTISATION_STEPS.tolist()),
     "STAGE_LABELS": json.dumps(STAGE_LABELS),
     "FORCE_LIMITS_N: Readonly<Record<string, number>>": json.dumps(
         {region.name: float(limit) for region, limit in zip(BODY_REGIONS, QUASI_STATIC_LIMIT_N, strict=True)}
@@ -159,19 +159,19 @@ def generate() -> str:
 
 def phases_text() -> str:
     """The phases in which each of the client's flags holds."""
-    sets = "".join(f"  {flag}: {json.dumps(phases_with(flag))},\n" for flag in PHASE_FLAGS)
+    sets = "".join(f"  {flag}: {json.dumps(phase_names_with(flag))},\n" for flag in PHASE_FLAGS)
     flags = " | ".join(json.dumps(flag) for flag in PHASE_FLAGS)
     return f"export const PHASES_WHERE: Record<{flags}, readonly PhaseName[]> = {{\n{sets}}};\n"
 
 
 ANATOMY: dict[str, dict[str, object]] = {
     "ARM": {
-        "lower_rad": arm.LOWER,
-        "upper_rad": arm.UPPER,
-        "most_turn_rad": arm.MAX_ROTATION_RAD,
-        "detour_rad": arm.DETOUR_RAD,
+        "lower_rad": arm.ARM_LOWER_RAD,
+        "upper_rad": arm.ARM_UPPER_RAD,
+        "most_turn_rad": arm.MAX_TICK_ROTATION_RAD,
+        "detour_rad": arm.DETOUR_THRESHOLD_RAD,
         "reached": arm.MAX_REACH_FRACTION,
-        "pole_rad": arm.POLE_RAD,
+        "pole_rad": arm.SINGULARITY_ANGLE_RAD,
         "swivel_step_rad": arm.SWIVEL_STEP_RAD,
         "outside": arm.OUT_OF_RANGE_COST,
         "stay": arm.MOTION_COST,
@@ -180,8 +180,8 @@ ANATOMY: dict[str, dict[str, object]] = {
         "lift": arm.RAISED_ELBOW_COST,
         "elbow_rests": arm.ELBOW_REST_DIRECTION,
         "least_squares_steps": arm.LEAST_SQUARES_STEPS,
-        "metres_per_radian": arm.METRES_PER_RADIAN,
-        "exact_rad": arm.EXACT_RAD,
+        "metres_per_radian": arm.ROTATION_WEIGHT_M,
+        "exact_rad": arm.CLIPPING_TOLERANCE_RAD,
         "damping_m": arm.DAMPING_M,
     },
     "TRUNK": {
@@ -200,12 +200,16 @@ ANATOMY: dict[str, dict[str, object]] = {
         "same_rad": switches.MAX_DEVICE_OFFSET_RAD,
         "max_switch_gap_s": switches.MAX_SWITCH_GAP_S,
         "rest_radius_m": switches.REST_RADIUS_M,
-        "fading_per_metre": switches.FADING_PER_METRE,
-        "metres_per_radian": switches.METRES_PER_RADIAN,
+        "fading_per_metre": switches.CORRECTION_FADING_PER_METRE,
+        "metres_per_radian": switches.ROTATION_WEIGHT_M,
     },
     "PERSON": {
         "prefix": human.PREFIX,
-        "joints": {"waist": body.WAIST, "head": body.HEAD_JOINTS, **body.ARM_JOINTS_BY_SIDE},
+        "joints": {
+            "waist": body.WAIST_JOINT_INDICES,
+            "head": body.HEAD_JOINT_INDICES,
+            **body.ARM_JOINT_INDICES,
+        },
     },
 }
 """What the client solves the participant's own body with, as the server does; quaternions are w, x, y, z."""

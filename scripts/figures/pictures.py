@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 from playwright.sync_api import Page, sync_playwright
 
 from avrgym.geometry import transforms
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.robots.registry import ROBOTS
-from avrgym.tasks.constants import ENVIRONMENTS
+from avrgym.tasks.constants import PACKAGED_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
@@ -28,7 +28,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.server.live_server import LiveServer
-from avrgym.vr.server.real_time_loop import Received, Send
+from avrgym.vr.server.real_time_loop import ReceivedMessage, SendMessage
 
 MOMENTS = {
     "Feeding": (3, 11),
@@ -128,7 +128,7 @@ class Moment:
 
     at_rest = True
 
-    def __init__(self, environment_id: str, send: Send) -> None:
+    def __init__(self, environment_id: str, send: SendMessage) -> None:
         self._send = send
         self._episodes = Episodes(environment_id, 1, people="revised", num_threads=1)
         seed, steps = MOMENTS.get(self._episodes.task.name, MOMENT)
@@ -136,17 +136,17 @@ class Moment:
         act = self._episodes.task.expert(self._episodes)
         for _ in range(steps):
             self._episodes.step(act(self._episodes.observe()))
-        self.scenes = [(environment_id, self._episodes.person_in(0))]
+        self.scenes = [(environment_id, self._episodes.person_of_world(0))]
         self._poses = poses(self._episodes)
         self._ticks = 0
 
-    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
         """Send the scene to the client."""
         name = self._episodes.environment_id
-        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=False))
+        send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=False, sounds=False))
         send(self._scene())
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Ignore the client's messages."""
 
     def tick(self, now_s: float) -> None:
@@ -163,7 +163,7 @@ class Moment:
         pose = dict(
             zip(scene.bodies, np.frombuffer(self._poses, "<f4").reshape(-1, 7).astype(float), strict=False)
         )
-        head, tool = pose[scene.head_bodies[0]], pose[TOOL]
+        head, tool = pose[scene.head_bodies[0]], pose[SCENE_TOOL_BODY]
         eye = head[:3] + transforms.rotate(head[3:], scene.eyes)
         upwards = transforms.rotate(head[3:], [0.0, 0.0, 1.0])
         return Camera(_numbers(eye), _numbers(tool[:3]), _numbers(upwards), 70.0, inside=True)
@@ -182,7 +182,7 @@ def take(page: Page, camera: Camera, file: Path) -> None:
 
 def main() -> None:
     """Write a bystander's and a participant's picture of each environment on the command line, by default of all."""
-    folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(ENVIRONMENTS)
+    folder, wanted = Path(sys.argv[1]), sys.argv[2:] or list(PACKAGED_ENVIRONMENTS)
     folder.mkdir(parents=True, exist_ok=True)
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
@@ -193,7 +193,7 @@ def main() -> None:
             with LiveServer(lambda send, shown=environment_id: Moment(shown, send), "127.0.0.1", 0) as server:
                 page = chromium.new_page(viewport=SIZE_PX)  # type: ignore[arg-type]
                 page.add_init_script(OWN_CAMERA)
-                page.goto(server.url, timeout=PATIENCE_MS)
+                page.goto(server.participant_url, timeout=PATIENCE_MS)
                 page.evaluate(HIDE_CONTROLS)
                 take(page, bystander(task, robot), folder / f"{stem}.jpg")
                 take(page, server.session.glance(), folder / f"{stem}_inside.jpg")

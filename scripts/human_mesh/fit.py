@@ -7,7 +7,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import BODIES, CRANIUM_RADIUS, MOUTH_HEIGHT_M, PROPORTIONS, Sex
+from avrgym.models.human import BODIES, CRANIUM_RADIUS_M, MOUTH_HEIGHT_M, PROPORTIONS, Sex
 
 from .source import Source
 
@@ -173,8 +173,8 @@ def _head(source: Source, sex: Sex, joint: FloatArray) -> Affine:
     head = head[head[:, 2] > source.bones["head"][2] - 0.02]
     lips = _lips(source)
     top, back = head[:, 2].max(), head[:, 1].max()
-    high = (p.head_centre_offset_z + 0.015 + CRANIUM_RADIUS - MOUTH_HEIGHT_M) / (top - lips[2])
-    deep = (p.mouth_forward + CRANIUM_RADIUS) / (back - lips[1])
+    high = (p.head_centre_offset_z + 0.015 + CRANIUM_RADIUS_M - MOUTH_HEIGHT_M) / (top - lips[2])
+    deep = (p.mouth_forward + CRANIUM_RADIUS_M) / (back - lips[1])
     scale = np.diag([0.5 * (high + deep), deep, high])
     return _about(scale, lips, joint + np.array([0.0, -p.mouth_forward, MOUTH_HEIGHT_M]))
 

@@ -12,12 +12,12 @@ from avrgym.system.mujoco_setup import choose_rendering_backend
 
 choose_rendering_backend()
 
-from avrgym.envs.registration import register  # noqa: E402
+from avrgym.envs.registration import register_environments  # noqa: E402
 
 if TYPE_CHECKING:
     from avrgym.envs.parallel import AssistiveParallelEnv
 
-register()
+register_environments()
 
 
 def parallel_env(environment_id: str, **arguments: Any) -> "AssistiveParallelEnv":

@@ -7,16 +7,16 @@ from pathlib import Path
 
 from avrgym.recording.reader import read_recording
 from avrgym.replay.page import ReplayedTrial, write_page
-from avrgym.replay.timeline import timeline_of
+from avrgym.replay.timeline import build_timeline
 from avrgym.vr.emulation.emulated_headset import BrowserClient, BrowserMissingError, EmulatedHeadset
 from avrgym.vr.emulation.in_process_client import InProcessClient
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from avrgym.vr.session.session import Session
 
-ENVIRONMENTS = (
+DEMO_ENVIRONMENTS = (
     "avrgym/FeedingJaco-v1",
     "avrgym/DrinkingPR2-v1",
     "avrgym/ScratchItchJaco-v1",
@@ -30,13 +30,13 @@ FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 class DemoResult:
     """The files of a demonstration.
 
-    ``pages`` are the paths of the replay pages, ``recordings`` those of the recordings. ``without_browser`` is the
+    ``pages`` are the paths of the replay pages, ``recordings`` those of the recordings. ``browser_error`` is the
     reason why no browser was used, or ``None`` if a browser was used.
     """
 
     pages: list[Path]
     recordings: list[Path]
-    without_browser: str | None
+    browser_error: str | None
 
 
 def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
@@ -47,8 +47,8 @@ def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
     """
     plan = SessionPlan(
         trials=[
-            TrialPlan(environment, "adaptive", seed=len(ENVIRONMENTS) * seed + number, practice=False)
-            for number, environment in enumerate(ENVIRONMENTS)
+            TrialPlan(environment, "adaptive", seed=len(DEMO_ENVIRONMENTS) * seed + number, practice=False)
+            for number, environment in enumerate(DEMO_ENVIRONMENTS)
         ],
         sex="woman",
         free_movement_s=FREE_MOVEMENT_S,
@@ -57,7 +57,7 @@ def run_demo(out: Path, seed: int, log: Callable[[str], None]) -> DemoResult:
         countdown_s=COUNTDOWN_S,
     )
     policies = load_policies(plan)
-    participant = SimulatedParticipant(draw_traits(plan.sex, seed), seed)
+    participant = SimulatedParticipant(sample_participant_traits(plan.sex, seed), seed)
     pictures = out / "pictures"
     pictures.mkdir(parents=True)
 
@@ -83,7 +83,7 @@ def _in_browser(
     with (
         ThreadPoolExecutor(1) as workers,
         LiveServer(lambda send: make_session(send, workers), "127.0.0.1", 0) as server,
-        EmulatedHeadset(server.url) as headset,
+        EmulatedHeadset(server.participant_url) as headset,
     ):
         log(f"the server listens on http://{server.host}:{server.port}; Chromium emulates a headset")
         BrowserClient(headset, server.session, participant, pictures, log).run()
@@ -106,9 +106,9 @@ def _write_pages(recordings: list[Path], out: Path) -> list[Path]:
     """Write a replay page for the last attempt at each trial. Returns the paths of the pages."""
     attempts = [read_recording(path) for path in recordings]
     pages: list[Path] = []
-    for environment in ENVIRONMENTS:
+    for environment in DEMO_ENVIRONMENTS:
         own = [recording for recording in attempts if recording.configuration.environment == environment]
         page = out / f"{environment.removeprefix('avrgym/').removesuffix('-v1')}.html"
-        write_page([ReplayedTrial(own[-1], *timeline_of(own[-1], lambda: None))], page)
+        write_page([ReplayedTrial(own[-1], *build_timeline(own[-1], lambda: None))], page)
         pages.append(page)
     return pages

@@ -14,7 +14,7 @@ from avrgym.analysis import study
 from avrgym.analysis.biomechanics import training_people
 from avrgym.analysis.figures import draw_figures
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.configuration import Versions
 from avrgym.study.people.deletion import delete_participant
@@ -59,7 +59,7 @@ def words(store: Store, tmp_path: Path) -> Callable[[], str]:
     """Analyses the study; gives all words of the page."""
 
     def analysed() -> str:
-        page = write_without_figures(analyse(store), store.folder, tmp_path / "out")
+        page = write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
         return " ".join(Page(page).text.split())
 
     return analysed
@@ -71,15 +71,15 @@ def attempt(store: Store, pseudonym: str, position: int) -> TrialAttempt:
 
 
 def recording(store: Store, pseudonym: str, position: int) -> Path:
-    return store.path(attempt(store, pseudonym, position).recording)
+    return store.absolute_path(attempt(store, pseudonym, position).recording)
 
 
 def take_as_recorded(store: Store, pseudonym: str, position: int) -> None:
     """Let the study know a recording as it is now."""
     found = attempt(store, pseudonym, position)
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         checksum = recording_sha256(store, found.recording)
-        hash_chain.update(connection, schema.ATTEMPT, found.id, sha256=checksum)
+        hash_chain.update(connection, schema.ATTEMPT_TABLE, found.id, sha256=checksum)
 
 
 def rewrite(store: Store, pseudonym: str, position: int, **changes) -> None:
@@ -100,7 +100,7 @@ def rows_of(tmp_path: Path, table: str, **values: str) -> list[Mapping[str, str]
 
 
 def test_an_empty_study(store: Store, tmp_path: Path) -> None:
-    page = write_analysis(analyse(store), store.folder, tmp_path / "out")
+    page = write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     assert "There are no participants yet." in Page(page).text
     for path in (tmp_path / "out" / "tables").glob("*.csv"):
         rows = list(csv.reader(path.read_text(encoding="utf-8-sig").splitlines()))
@@ -154,7 +154,7 @@ def test_a_trial_without_its_partner_is_left_out_of_pairs(
 class Broken:
     """The analysis of a study in which every trial but one has something else that is wrong."""
 
-    analysis: Analysis
+    analysis: StudyAnalysis
     words: str
     out: Path
 
@@ -176,7 +176,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
         rewrite(store, "sub-004", 1, other_course=9)
         for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
             take_as_recorded(store, pseudonym, position)
-        analysis = analyse(store)
+        analysis = analyse_study(store)
         page = write_without_figures(analysis, store.folder, folder / "out")
     return Broken(analysis, " ".join(Page(page).text.split()), folder / "out")
 
@@ -279,7 +279,7 @@ def test_nothing_of_changed_recordings_is_used_where_they_are_skipped(store: Sto
 def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "other", **DESIGN, policies='["original", "mine"]')) as other:
         run_trials(other, enrol_included(other))
-        page = write_analysis(analyse(other), other.folder, tmp_path / "out")
+        page = write_analysis(analyse_study(other), other.folder, tmp_path / "out")
     said = " ".join(Page(page).text.split())
     assert "Simulation of Feeding Jaco mine: no policy 'mine' for avrgym/FeedingJaco-v1" in said
     rows = {
@@ -295,7 +295,7 @@ def test_a_policy_that_is_not_found(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_files_of_an_earlier_analysis_are_replaced_and_others_stay(store: Store, tmp_path: Path) -> None:
     def write() -> None:
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "out")
 
     write()
     own = tmp_path / "out" / "figures" / "mine.svg"
@@ -316,7 +316,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
     theirs.write_text("theirs")
     (tmp_path / "out" / "results.json").write_text("{}")
     with pytest.raises(StudyError, match="was not written by an analysis; choose another folder"):
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     assert theirs.read_text() == "theirs"
 
 
@@ -324,7 +324,7 @@ def test_a_folder_with_tables_of_other_origin_is_refused(store: Store, tmp_path:
 def test_deleting_a_participant_deletes_the_analysis_in_the_study(store: Store) -> None:
     run_trials(store, enrol_included(store))
     out = store.folder / "analysis"
-    write_analysis(analyse(store), store.folder, out)
+    write_analysis(analyse_study(store), store.folder, out)
     (out / "notes.txt").write_text("mine")
     delete_participant(store, "sub-001")
     assert [path.name for path in out.rglob("*") if path.is_file()] == ["notes.txt"]
@@ -348,7 +348,7 @@ def test_the_command_writes_into_the_study_and_its_figures_to_a_file(store: Stor
     figures = json.loads((tmp_path / "figures.json").read_text())
     stored = json.loads((store.folder / "analysis" / "results.json").read_text())
     assert {name: stored[name] for name in figures} == figures
-    assert figures["format"] == study.FORMAT
+    assert figures["format"] == study.RESULTS_FORMAT
 
 
 def test_the_command_refuses_in_one_line(tmp_path: Path) -> None:

@@ -12,8 +12,17 @@ import pytest
 from avrgym.analysis.reading import study_data
 from avrgym.analysis.reading.trial_series import head_centres, read_trial_series
 from avrgym.models import human
-from avrgym.models.human import JOINTS, LOWER_RAD, RECLINED, SEATED, UPPER_RAD, People, Person, Posture
-from avrgym.recording.configuration import BodyModel, Configuration
+from avrgym.models.human import (
+    JOINTS,
+    LOWER_LIMITS_RAD,
+    RECLINED,
+    SEATED,
+    UPPER_LIMITS_RAD,
+    People,
+    Person,
+    Posture,
+)
+from avrgym.recording.configuration import BodyModel, TrialConfiguration
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import BodyTargets, Control
 from helpers.studies.configurations import configuration
@@ -24,19 +33,19 @@ KNOWN_BODY = configuration(person=BodyModel("woman", 0.55, "fair"), joints=tuple
 @pytest.mark.parametrize("posture", [SEATED, RECLINED], ids=["seated", "in bed"])
 def test_heads_are_where_mujoco_puts_them(posture: Posture, rng: np.random.Generator) -> None:
     for sex in human.SEXES:
-        person = Person(sex, rng.uniform(0.5, 0.6), rng.uniform(LOWER_RAD, UPPER_RAD))
+        person = Person(sex, rng.uniform(0.5, 0.6), rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD))
         model = human.person_model(person, posture, moving=True)
         data = mujoco.MjData(model)
         data.qpos[:] = person.joint_angles_rad
         mujoco.mj_kinematics(model, data)
         expected = data.site(human.PREFIX + "head_centre").xpos
-        assert head_centres(People.of([person]), posture)[0] == pytest.approx(expected, abs=1e-12)
+        assert head_centres(People.from_persons([person]), posture)[0] == pytest.approx(expected, abs=1e-12)
 
 
-def _recorded(targets: list[tuple[int, float]], recorded: Configuration) -> Recording:
+def _recorded(targets: list[tuple[int, float]], recorded: TrialConfiguration) -> Recording:
     """Waist angles x in degrees at times in milliseconds; control steps at 100, 200 and 300 ms."""
     messages = [
-        ("/body_targets", time_ms * 1_000_000, BodyTargets(human.joint_angles(waist_x=angle).tolist()))
+        ("/body_targets", time_ms * 1_000_000, BodyTargets(human.seated_joint_angles(waist_x=angle).tolist()))
         for time_ms, angle in targets
     ]
     steps = [
@@ -47,11 +56,13 @@ def _recorded(targets: list[tuple[int, float]], recorded: Configuration) -> Reco
 
 
 def test_targets_hold_until_they_change() -> None:
-    body = read_trial_series(_recorded([(150, 5.0), (199, 10.0), (400, 20.0)], KNOWN_BODY), SEATED).body
+    body = read_trial_series(
+        _recorded([(150, 5.0), (199, 10.0), (400, 20.0)], KNOWN_BODY), SEATED
+    ).body_series
     assert body is not None
-    assert np.degrees(body.waist_rad[:, 0]) == pytest.approx([5.0, 10.0, 10.0])
+    assert np.degrees(body.waist_angles_rad[:, 0]) == pytest.approx([5.0, 10.0, 10.0])
     assert body.torso_height_m == 0.55
-    assert body.head_centre_w.shape == (3, 3)
+    assert body.head_centre_pos_w.shape == (3, 3)
 
 
 @pytest.mark.parametrize(
@@ -61,9 +72,9 @@ def test_targets_hold_until_they_change() -> None:
         ([(0, 1.0)], msgspec.structs.replace(KNOWN_BODY, joints=("waist_x",))),
     ],
 )
-def test_without_targets_or_a_known_body_there_is_none(targets: list, recorded: Configuration) -> None:
+def test_without_targets_or_a_known_body_there_is_none(targets: list, recorded: TrialConfiguration) -> None:
     measured = read_trial_series(_recorded(targets, recorded), SEATED)
-    assert measured.body is None
+    assert measured.body_series is None
     assert measured.times_s == [0.1, 0.2, 0.3]
 
 
@@ -71,7 +82,7 @@ def test_rewards_are_added_up_one_by_one_whatever_sum_does(monkeypatch: pytest.M
     """Since Python 3.12 ``sum`` makes up for rounding, and a session's total does not."""
     monkeypatch.setattr(study_data, "sum", fsum, raising=False)
     measured = read_trial_series(_recorded([], KNOWN_BODY), SEATED)
-    steps = [msgspec.structs.replace(measured.steps[0], reward=0.1) for _ in range(10)]
+    steps = [msgspec.structs.replace(measured.control_steps[0], reward=0.1) for _ in range(10)]
     total = 0.0
     for step in steps:
         total += step.reward

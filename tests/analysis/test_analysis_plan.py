@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
@@ -28,7 +28,7 @@ PLANNED = ["L1 against the middle, by participant", "policies, by participant"]
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study of two participants, whose plan is frozen and who have all finished."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
     for _ in range(2):
         assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
@@ -38,17 +38,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
+def analysed(folder: Path, out: Path) -> tuple[StudyAnalysis, str]:
     """The analysis, and the words of its page."""
     with Store(folder) as store:
-        analysis = analyse(store)
+        analysis = analyse_study(store)
         return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
 def test_what_was_planned_is_confirmatory_and_nothing_deviates(folder: Path, tmp_path: Path) -> None:
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.plan is not None
-    assert analysis.plan.deviations == []
+    assert analysis.frozen_plan is not None
+    assert analysis.frozen_plan.deviations == []
     assert "Deviations None." in page
     assert page.count("Confirmatory results") == 1
     assert "H2: Participants rate L1, L2, L3, L4 higher with revised than with original." in page
@@ -68,7 +68,7 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As in plans that were frozen before there were models."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', participants="2")
     assert CliRunner().invoke(app, ["study", "freeze", str(folder)]).exit_code == 0
     plan = folder / "plan.toml"
@@ -81,8 +81,8 @@ def test_a_model_is_confirmatory_where_the_plan_names_it_and_no_deviation_where_
         for sex in ("man", "woman"):
             run_trials(store, enrol_included(store, sex, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.plan is not None
-    assert analysis.plan.deviations == []
+    assert analysis.frozen_plan is not None
+    assert analysis.frozen_plan.deviations == []
     labels = {(row.family, row.quantity): row.plan_status for row in analysis.models}
     assert {each for each, label in labels.items() if label == "confirmatory"} == {(family, "L1")}
     assert set(labels.values()) == {"confirmatory", "exploratory"}
@@ -98,8 +98,8 @@ def test_the_report_lists_the_deviations_that_the_check_lists(folder: Path, tmp_
         run_trials(store, enrol_included(store, simulated=False), held={2: STEPS})
         withdraw(store, enrol_included(store, simulated=False))
     analysis, page = analysed(folder, tmp_path / "out")
-    assert analysis.plan is not None
-    listed = [f"{each.where}: {each.message}" for each in analysis.plan.deviations]
+    assert analysis.frozen_plan is not None
+    listed = [f"{each.where}: {each.message}" for each in analysis.frozen_plan.deviations]
     assert len(listed) == 4
     for words, line in zip(
         (

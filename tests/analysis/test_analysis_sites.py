@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
@@ -20,23 +20,23 @@ WITH_SITE = ("participants", "trials", "attempts", "answers", "reward_terms", "c
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Analysis, Path]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StudyAnalysis, Path]:
     """A study whose participants of two sites have finished, its analysis and the folder with tables and report."""
     folder = small_study(tmp_path_factory.mktemp("study"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for site, people in SITES.items():
                 for _ in range(people):
                     run_trials(store, enrol_included(store, simulated=False, site=site))
-            analysis = analyse(store)
+            analysis = analyse_study(store)
     out = tmp_path_factory.mktemp("out")
     write_without_figures(analysis, folder, out)
     return folder, analysis, out
 
 
 @pytest.mark.slow
-def test_every_table_of_participants_says_where(made: tuple[Path, Analysis, Path]) -> None:
+def test_every_table_of_participants_says_where(made: tuple[Path, StudyAnalysis, Path]) -> None:
     folder, _, out = made
     with Store(folder) as store:
         export_study(store, "csv", out / "export")
@@ -48,7 +48,7 @@ def test_every_table_of_participants_says_where(made: tuple[Path, Analysis, Path
         assert rows.groupby("site")["participant"].nunique().to_dict() == SITES, table
 
 
-def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analysis, Path]) -> None:
+def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, StudyAnalysis, Path]) -> None:
     _, _, out = made
     answers, effects = (pd.read_csv(out / "tables" / f"{name}.csv") for name in ("answers", "site_effects"))
     chosen = effects[effects["family"] == "policies, by participant"]
@@ -67,9 +67,9 @@ def test_effects_by_site_follow_from_the_answers_of_each(made: tuple[Path, Analy
         assert row["median_a"] == pytest.approx(means[row["group_a"]].median())
 
 
-def test_outcomes_by_site_add_up_to_those_of_all(made: tuple[Path, Analysis, Path]) -> None:
+def test_outcomes_by_site_add_up_to_those_of_all(made: tuple[Path, StudyAnalysis, Path]) -> None:
     _, analysis, _ = made
-    for whole in analysis.objective:
+    for whole in analysis.objective_outcomes:
         key = (whole.task, whole.robot, whole.policy)
         parts = [row for row in analysis.site_outcomes if (row.task, row.robot, row.policy) == key]
         assert [row.site for row in parts] == list(SITES)
@@ -77,7 +77,7 @@ def test_outcomes_by_site_add_up_to_those_of_all(made: tuple[Path, Analysis, Pat
         assert sum(row.successes for row in parts) == whole.successes
 
 
-def test_the_report_describes_the_sites(made: tuple[Path, Analysis, Path]) -> None:
+def test_the_report_describes_the_sites(made: tuple[Path, StudyAnalysis, Path]) -> None:
     _, _, out = made
     page = Page(out / "report" / "index.html")
     for words in (
@@ -94,8 +94,8 @@ def test_a_study_without_sites_or_of_one_has_nothing_by_site(tmp_path: Path) -> 
     with Store(small_study(tmp_path / "study")) as store:
         for site in ("", ""):
             run_trials(store, enrol_included(store, simulated=False, site=site))
-        assert analyse(store).site_effects == []
+        assert analyse_study(store).site_effects == []
         run_trials(store, enrol_included(store, site="atlanta"))
-        found = analyse(store)
+        found = analyse_study(store)
     assert found.site_outcomes == found.site_effects == []
     assert "site_effects" not in {table.name for table in found.tables()}

@@ -19,8 +19,8 @@ from avrgym.analysis.statistics.tests import (
     clustered_wilson_interval,
     energy_test,
     holm_correction,
-    rank_sum,
-    signed_rank,
+    rank_sum_test,
+    signed_rank_test,
     significance_stars,
     t_interval,
 )
@@ -38,10 +38,10 @@ def test_signed_rank_of_darwins_maize() -> None:
     """Darwin's 15 pairs of crossed and self-fertilised maize, in eighths of an inch (Fisher 1935, The Design of
     Experiments, section 17): the negative differences have ranks 14 and 10; SciPy documents p = 0.041259765625.
     """
-    found = signed_rank([49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48])
-    assert (found.n, found.statistic, found.method) == (15, 24.0, "exact")
+    found = signed_rank_test([49, -67, 8, 16, 6, 23, 28, 41, 14, 29, 56, 24, 75, 60, -48])
+    assert (found.sample_size, found.statistic, found.method) == (15, 24.0, "exact")
     assert found.p == 0.041259765625
-    assert found.effect == pytest.approx((96 - 24) / 120)
+    assert found.effect_size == pytest.approx((96 - 24) / 120)
 
 
 def test_signed_rank_of_the_depression_scale() -> None:
@@ -50,7 +50,7 @@ def test_signed_rank_of_the_depression_scale() -> None:
     """
     before = [1.83, 0.50, 1.62, 2.48, 1.68, 1.88, 1.55, 3.06, 1.30]
     after = [0.878, 0.647, 0.598, 2.05, 1.06, 1.29, 1.06, 3.14, 1.29]
-    found = signed_rank(np.subtract(before, after))
+    found = signed_rank_test(np.subtract(before, after))
     assert found.statistic == 45 - 40
     assert found.p == 2 * 10 / 512
 
@@ -61,10 +61,10 @@ def test_rank_sum_of_the_chorioamnion() -> None:
     """
     term = [0.80, 0.83, 1.89, 1.04, 1.45, 1.38, 1.91, 1.64, 0.73, 1.46]
     earlier = [1.15, 0.88, 0.90, 0.74, 1.21]
-    found = rank_sum(term, earlier)
-    assert (found.n, found.statistic, found.method) == (15, 35.0, "exact")
+    found = rank_sum_test(term, earlier)
+    assert (found.sample_size, found.statistic, found.method) == (15, 35.0, "exact")
     assert found.p == pytest.approx(2 * 0.1272, abs=1e-4)
-    assert found.effect == pytest.approx(2 * 35 / 50 - 1)
+    assert found.effect_size == pytest.approx(2 * 35 / 50 - 1)
 
 
 def test_holm_of_fifteen_endpoints() -> None:
@@ -132,18 +132,18 @@ def test_clustered_interval_is_within_0_and_1_and_contains_the_proportion(rng: n
 def test_exact_signed_ranks_with_ties_and_zeros_equal_scipy(n: int, rng: np.random.Generator) -> None:
     for _ in range(3):
         differences = rng.integers(-3, 4, n)
-        found, used = signed_rank(differences), differences[differences != 0]
-        assert (found.n, found.zeros) == (len(used), n - len(used))
+        found, used = signed_rank_test(differences), differences[differences != 0]
+        assert (found.sample_size, found.zero_differences) == (len(used), n - len(used))
         assert found.p == pytest.approx(scipy_stats.wilcoxon(used, method=EVERY).pvalue, abs=1e-12)
 
 
 def test_signed_ranks_equal_scipy_without_ties_and_in_large_samples(rng: np.random.Generator) -> None:
     for n in (8, 30, MAX_EXACT_SIGNED_RANK):
         values = rng.normal(0.2, 1.0, n)
-        found, expected = signed_rank(values), scipy_stats.wilcoxon(values, method="exact")
+        found, expected = signed_rank_test(values), scipy_stats.wilcoxon(values, method="exact")
         assert (found.statistic, found.p) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-12)
     answers = rng.integers(1, 8, 200) - 4
-    found, expected = signed_rank(answers), scipy_stats.wilcoxon(answers, method="asymptotic")
+    found, expected = signed_rank_test(answers), scipy_stats.wilcoxon(answers, method="asymptotic")
     assert found.method == "normal approximation"
     assert (found.statistic, found.p) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-12)
 
@@ -152,14 +152,14 @@ def test_signed_ranks_equal_scipy_without_ties_and_in_large_samples(rng: np.rand
 def test_exact_rank_sums_with_ties_equal_scipy(n: int, m: int, rng: np.random.Generator) -> None:
     for _ in range(3):
         a, b = rng.integers(0, 5, n), rng.integers(1, 6, m)
-        assert rank_sum(a, b).p == pytest.approx(
+        assert rank_sum_test(a, b).p == pytest.approx(
             scipy_stats.mannwhitneyu(a, b, method=EVERY).pvalue, abs=1e-12
         )
 
 
 def test_large_rank_sums_equal_scipy(rng: np.random.Generator) -> None:
     a, b = rng.integers(0, 5, 40), rng.integers(1, 6, 60)
-    assert rank_sum(a, b).p == pytest.approx(
+    assert rank_sum_test(a, b).p == pytest.approx(
         scipy_stats.mannwhitneyu(a, b, method="asymptotic").pvalue, abs=1e-12
     )
 
@@ -181,10 +181,10 @@ def test_t_intervals_equal_scipy(rng: np.random.Generator) -> None:
 
 def test_turning_the_samples_round_turns_only_the_effect(rng: np.random.Generator) -> None:
     a, b = rng.integers(1, 8, 7), rng.integers(1, 8, 40)
-    assert signed_rank(a - 4).p == signed_rank(4 - a).p
-    assert signed_rank(a - 4).effect == -(signed_rank(4 - a).effect or 0.0)
-    assert rank_sum(a, b).p == pytest.approx(rank_sum(b, a).p, abs=1e-12)
-    assert rank_sum(a, b).effect == pytest.approx(-(rank_sum(b, a).effect or 0.0))
+    assert signed_rank_test(a - 4).p == signed_rank_test(4 - a).p
+    assert signed_rank_test(a - 4).effect_size == -(signed_rank_test(4 - a).effect_size or 0.0)
+    assert rank_sum_test(a, b).p == pytest.approx(rank_sum_test(b, a).p, abs=1e-12)
+    assert rank_sum_test(a, b).effect_size == pytest.approx(-(rank_sum_test(b, a).effect_size or 0.0))
 
 
 def test_the_energy_test_finds_another_place_and_another_spread(rng: np.random.Generator) -> None:
@@ -206,7 +206,7 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
             for moment, each in steps.items()
         }
         found = compare_before_after("total", given).result
-        return found.p, found.zeros, values_at_moment(CHANGE, "total", given)
+        return found.p, found.zero_differences, values_at_moment(CHANGE, "total", given)
 
     p, zeros, values = change(1.0)
     assert change(3.74) == (p, zeros, pytest.approx([3.74 * value for value in values], abs=1e-12))
@@ -223,10 +223,10 @@ def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:
 @pytest.mark.parametrize(
     ("found", "why"),
     [
-        (signed_rank([0, 0, 0]), "all differences are zero"),
-        (signed_rank([]), "there are no values to compare"),
-        (rank_sum([1, 1], [1, 1, 1]), "all values are equal"),
-        (rank_sum([], [1]), "there are no values to compare"),
+        (signed_rank_test([0, 0, 0]), "all differences are zero"),
+        (signed_rank_test([]), "there are no values to compare"),
+        (rank_sum_test([1, 1], [1, 1, 1]), "all values are equal"),
+        (rank_sum_test([], [1]), "there are no values to compare"),
         (energy_test([[1, 2]], [[1, 2]], 0), "all values are equal"),
         (energy_test(np.zeros((0, 2)), [[1, 2]], 0), "there are no values to compare"),
     ],
@@ -246,8 +246,8 @@ def test_one_value_has_no_interval() -> None:
 def test_without_an_effect_about_one_in_twenty_is_significant(rng: np.random.Generator) -> None:
     """1,000 studies of 8 participants with 4 tasks and 2 robots: answers from 1 to 7, by chance."""
     original, revised = rng.integers(1, 8, (2, 1000, 64))
-    against_middle = np.array([signed_rank(study - 4).p for study in original])
-    between = np.array([signed_rank(study).p for study in revised - original])
+    against_middle = np.array([signed_rank_test(study - 4).p for study in original])
+    between = np.array([signed_rank_test(study).p for study in revised - original])
     assert 0.035 < np.mean(against_middle < 0.05) < 0.065
     assert 0.035 < np.mean(between < 0.05) < 0.065
 
@@ -256,7 +256,7 @@ def test_people_who_differ_in_general_do_not_make_policies_differ(rng: np.random
     """The same, where participants share their trials' mood: pairs within a participant cancel it."""
     mood = np.repeat(rng.normal(0.0, 1.5, (500, 8, 1)), 8, axis=2).reshape(500, 64)
     original, revised = (np.clip(np.round(4 + mood + rng.normal(0, 1, mood.shape)), 1, 7) for _ in range(2))
-    between = np.array([signed_rank(study).p for study in revised - original])
+    between = np.array([signed_rank_test(study).p for study in revised - original])
     assert np.mean(between < 0.05) < 0.075
 
 
@@ -264,4 +264,4 @@ def test_a_large_effect_is_found_in_most_studies(rng: np.random.Generator) -> No
     """Answers one and a half points higher, in 200 studies."""
     original = np.clip(np.round(rng.normal(3.0, 1.5, (200, 64))), 1, 7)
     revised = np.clip(np.round(rng.normal(4.5, 1.5, (200, 64))), 1, 7)
-    assert np.mean([(signed_rank(study).p or 1.0) < 0.05 for study in revised - original]) > 0.95
+    assert np.mean([(signed_rank_test(study).p or 1.0) < 0.05 for study in revised - original]) > 0.95

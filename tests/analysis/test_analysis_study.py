@@ -16,12 +16,17 @@ from avrgym.analysis.figures import draw_figures
 from avrgym.analysis.outcomes.outcomes import outcome_tests
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.plan import required_tests
-from avrgym.analysis.statistics.comparisons import PARTICIPANT, Comparison, Question, corrected_family
-from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm_correction, signed_rank
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT_UNIT,
+    Comparison,
+    ResearchQuestion,
+    holm_corrected_family,
+)
+from avrgym.analysis.statistics.tests import clustered_wilson_interval, holm_correction, signed_rank_test
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.store import Store
-from avrgym.vr.latency import STAGES, TOTAL
+from avrgym.vr.latency import STAGES, TOTAL_LATENCY_KEY
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import ITEMS, enrol_included, interrupt_trial, latency_of, run_trials
 from helpers.studies.small_studies import small_study
@@ -47,12 +52,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def analysis(store: Store) -> Analysis:
-    return analyse(store)
+def analysis(store: Store) -> StudyAnalysis:
+    return analyse_study(store)
 
 
 @pytest.fixture(scope="module")
-def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(store: Store, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     assert write_analysis(analysis, store.folder, folder) == folder / "report" / "index.html"
     return folder
@@ -228,9 +233,9 @@ def test_nothing_is_inferred_from_fewer_than_four_people(
 @pytest.mark.slow
 def test_figures_show_tests_by_participant_alone(store: Store) -> None:
     """Fewer than four people took part: their figure shows no test."""
-    analysis = analyse(store)
+    analysis = analyse_study(store)
     people, simulated = (
-        next(each.inline() for each in draw_figures(analysis) if each.name == name)
+        next(each.to_inline_svg() for each in draw_figures(analysis) if each.name == name)
         for name in ("likert-people", "likert-simulated")
     )
     family = "policies, by participant"
@@ -285,11 +290,13 @@ def test_without_a_frozen_plan_nothing_is_called_planned(out: Path, tables: dict
 
 @pytest.mark.slow
 def test_a_family_that_is_added_appears_in_the_report(
-    store: Store, analysis: Analysis, tmp_path: Path
+    store: Store, analysis: StudyAnalysis, tmp_path: Path
 ) -> None:
-    found = signed_rank([2.0, 3.0])
+    found = signed_rank_test([2.0, 3.0])
     hum = Comparison("hum_db", ("PR2", [3.0, 4.0]), ("Jaco", [1.0, 1.0]), found, 2)
-    added = corrected_family(True, Question("noise", table="How loud robots are"), PARTICIPANT, [hum])
+    added = holm_corrected_family(
+        True, ResearchQuestion("noise", table_caption="How loud robots are"), PARTICIPANT_UNIT, [hum]
+    )
     report = write_analysis(replace(analysis, families=[*analysis.families, added]), store.folder, tmp_path)
     shown = report.read_text()
     assert "How loud robots are (simulated participants)" in shown
@@ -345,7 +352,7 @@ def test_latency_follows_from_what_clients_told_in_counted_trials(
     counted = trials[trials.counted & ~trials.simulated]
     assert not rows.simulated.any()
     assert set(rows.participant.dropna()) == set(counted.participant)
-    total = rows[rows.participant.isna() & (rows.stage == TOTAL)].iloc[0]
+    total = rows[rows.participant.isna() & (rows.stage == TOTAL_LATENCY_KEY)].iloc[0]
     others = len(STAGES) - 1
     waits = [
         others + wait
@@ -412,6 +419,6 @@ def test_figures_of_simulated_participants_say_so(out: Path, group: str) -> None
 @pytest.mark.slow
 def test_the_same_study_gives_the_same_bytes(store: Store, out: Path, tmp_path: Path) -> None:
     folder = out.parent / tmp_path.name
-    write_analysis(analyse(store), store.folder, folder)
+    write_analysis(analyse_study(store), store.folder, folder)
     files = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
     assert [name for name in files if (out / name).read_bytes() != (folder / name).read_bytes()] == []

@@ -14,13 +14,13 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.designs import describe_by_design
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.schema import Answer
 from avrgym.study.design.comparison import value_text
 from avrgym.study.people import participants
 from avrgym.study.storage import database, sessions
-from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
@@ -69,7 +69,7 @@ def rate(participant: Participant, trial: Trial, item: str) -> int:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A study with a frozen plan: two people, an edit, two more people, and the edit is undone."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         folder = make_study(
             tmp_path_factory.mktemp("edited") / "study", tasks='["Feeding"]', participants="4"
         )
@@ -90,13 +90,13 @@ def take_two(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def analysis(folder: Path) -> Analysis:
+def analysis(folder: Path) -> StudyAnalysis:
     with Store(folder) as store:
-        return analyse(store)
+        return analyse_study(store)
 
 
 @pytest.fixture(scope="module")
-def out(folder: Path, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(folder: Path, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("out")
     write_without_figures(analysis, folder, out)
     return out
@@ -142,7 +142,7 @@ def test_items_name_who_was_asked_what(tables: dict[str, Frame]) -> None:
     assert items["answers"].sum() == len(tables["answers"])
 
 
-def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Analysis, out: Path) -> None:
+def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: StudyAnalysis, out: Path) -> None:
     checked = CliRunner().invoke(app, ["study", "check", str(folder)])
     page = " ".join(Page(out / "report" / "index.html").text.split())
     results = json.loads((out / "results.json").read_text())
@@ -155,7 +155,7 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
         "furniture.seat_height_m": 0.4,
     }
     assert checked.exit_code == 1
-    assert analysis.plan is not None
+    assert analysis.frozen_plan is not None
     for field, value in fields.items():
         words = f"it was {value_text(value)} for sub-003 (trials 1 to 5), sub-004 (trials 1 to 5)"
         (line,) = [each for each in checked.stdout.splitlines() if f"study.toml: {field} is " in each]
@@ -166,7 +166,9 @@ def test_check_report_and_deviations_name_each_edit(folder: Path, analysis: Anal
         )
         assert page.index(field) < page.index("The plan was frozen")
         (told,) = [
-            each.message for each in analysis.plan.deviations if each.message.startswith(f"{field} was ")
+            each.message
+            for each in analysis.frozen_plan.deviations
+            if each.message.startswith(f"{field} was ")
         ]
         assert f"and {value_text(value)} for sub-003" in told
     assert len(results["differences"]) == len(fields)
@@ -204,15 +206,15 @@ def test_practice_has_the_items_of_its_session_where_only_recordings_report_them
         for trial in store.remaining_trials(pseudonym):
             attempt = begin_attempt(store, session.id, trial.position)
             participant = store.participant(pseudonym)
-            metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
+            metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
             complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)
     edit(folder)
-    monkeypatch.setattr(Store, "designs", lambda _: [])
+    monkeypatch.setattr(Store, "stored_designs", lambda _: [])
     with Store(folder) as store:
         (use,) = session_designs(store)
-    assert use.positions == (1, 2, 3, 4, 5)
-    assert use.design.items["L1"].text == "The robot successfully assisted me with the task."
+    assert use.trial_positions == (1, 2, 3, 4, 5)
+    assert use.design.items_by_id["L1"].text == "The robot successfully assisted me with the task."
 
 
 def test_each_group_with_another_design_has_a_sentence_of_its_own(folder: Path) -> None:
@@ -224,15 +226,17 @@ def test_each_group_with_another_design_has_a_sentence_of_its_own(folder: Path) 
 
 
 def test_a_file_that_is_edited_later_changes_no_result(
-    folder: Path, analysis: Analysis, tmp_path: Path
+    folder: Path, analysis: StudyAnalysis, tmp_path: Path
 ) -> None:
     later = Path(shutil.copytree(folder, tmp_path / "study"))
     edit(later)
     with Store(later) as store:
-        again = analyse(store)
-    assert [row for row in again.likert if row.count] == [row for row in analysis.likert if row.count]
-    assert again.observed.answers == analysis.observed.answers
-    assert again.items == analysis.items
+        again = analyse_study(store)
+    assert [row for row in again.answer_frequencies if row.count] == [
+        row for row in analysis.answer_frequencies if row.count
+    ]
+    assert again.study_data.answers == analysis.study_data.answers
+    assert again.item_versions == analysis.item_versions
 
 
 def test_exports_have_the_items_that_were_asked(folder: Path, tmp_path: Path) -> None:
@@ -256,7 +260,7 @@ def test_recordings_report_what_was_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edited: bool
 ) -> None:
     """As in studies of AVR Gym 0.2: only recordings contain the items."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     for module in (sessions, participants):
         monkeypatch.setattr(module, "store_design", lambda *_: None)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')
@@ -266,8 +270,8 @@ def test_recordings_report_what_was_asked(
         edit(folder)
     with Store(folder) as store:
         take_part_with_items(store)
-        analysis = analyse(store)
-        found = {each.message.partition(" is ")[0] for each in analysis.differences if each.is_error}
+        analysis = analyse_study(store)
+        found = {each.message.partition(" is ")[0] for each in analysis.design_differences if each.is_error}
         names = [version.item.id for version in AnsweredItems(store).versions]
     assert found == (
         {
@@ -283,7 +287,7 @@ def test_recordings_report_what_was_asked(
     )
     versions = [f"{item}{version}" for item, version in product(CHANGED, ("", " (version 2)"))]
     assert names == [*(versions if edited else CHANGED), "L4"]
-    assert {row.count for row in analysis.likert} >= {0}
+    assert {row.count for row in analysis.answer_frequencies} >= {0}
 
 
 def take_part_with_items(store: Store) -> None:
@@ -291,9 +295,11 @@ def take_part_with_items(store: Store) -> None:
     session = open_session(store, participant.pseudonym)
     for trial in store.remaining_trials(participant.pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
+        metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
         if not trial.practice:
             for item in ITEMS:
-                record_answer(store, attempt.id, Answer(item, rate(participant, trial, item) % 5 + 1, 1.0))
+                record_trial_answer(
+                    store, attempt.id, Answer(item, rate(participant, trial, item) % 5 + 1, 1.0)
+                )
         complete_attempt(store, attempt.id, metrics)
     close_session(store, session.id)

@@ -17,23 +17,23 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from avrgym.analysis.answers.figures import (
-    mean_answers_figures,
-    session_answers_figures,
-    trial_answers_figures,
+    mean_answer_figures,
+    session_answer_figures,
+    trial_answer_figures,
 )
-from avrgym.analysis.answers.session_answers import session_families, session_likert_rows
-from avrgym.analysis.answers.trial_answers import answer_families, likert_rows, subjective_rows
+from avrgym.analysis.answers.session_answers import session_likert_rows, session_test_families
+from avrgym.analysis.answers.trial_answers import answer_summary_rows, answer_test_families, likert_rows
 from avrgym.analysis.biomechanics.biomechanics import body_trials_by_group
 from avrgym.analysis.biomechanics.figures import head_position_figure, torso_height_figure
 from avrgym.analysis.biomechanics.training_people import sample_training_people
 from avrgym.analysis.flow import ParticipantFlow, flow_chart
 from avrgym.analysis.outcomes.figures import reward_figure, success_figure
 from avrgym.analysis.outcomes.outcomes import ObjectiveRow
-from avrgym.analysis.page.drawing import Drawing
+from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.reading.rows import AnswerRow, TrialRow
-from avrgym.questionnaires.questionnaire import MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.design import Design, default_design_text, parse_design
 
 PEOPLE = 8
 SLACK_PX = 1.0
@@ -45,7 +45,7 @@ STUDIES = [
 ]
 OWN = Questionnaire(
     "own",
-    MOMENTS,
+    QUESTION_MOMENTS,
     (
         Item(
             "use",
@@ -67,18 +67,18 @@ def instrument_asked(name: str) -> Questionnaire:
         Item(
             item.id,
             item.text or "A statement that is as long as most of those that are in the source.",
-            instrument.response.points,
-            item.low or "not at all",
-            item.high or "completely",
+            instrument.response_scale.points,
+            item.low_label or "not at all",
+            item.high_label or "completely",
             item.labels,
         )
         for item in instrument.items
     )
-    return Questionnaire(name, MOMENTS, items, use=name)
+    return Questionnaire(name, QUESTION_MOMENTS, items, use=name)
 
 
 def design_of(study: str) -> Design:
-    design = parse_design(default_text())
+    design = parse_design(default_design_text())
     if study == "many policies":
         policies = ("original", "revised", "adaptive", "mine/a-policy-with-a-long-name")
         robots = ("PR2", "Jaco", "Sawyer", "Baxter")
@@ -111,22 +111,22 @@ def answers_of(design: Design) -> Iterator[AnswerRow]:
                     attempt=None,
                     item=item.id,
                     value=scale.scale_value(int(rng.integers(1, scale.points + 1))),
-                    minimum=scale.lowest,
-                    maximum=scale.highest,
+                    minimum=scale.lowest_value,
+                    maximum=scale.highest_value,
                     points=scale.points,
                     response_time_s=1.0,
                     respondent="participant",
                 )
 
 
-def answer_drawings(design: Design) -> Iterator[Drawing]:
+def answer_drawings(design: Design) -> Iterator[ReportFigure]:
     answers = list(answers_of(design))
-    families = [*answer_families(design, answers), *session_families(design, answers)]
+    families = [*answer_test_families(design, answers), *session_test_families(design, answers)]
     tests = [row for family in families for row in family.rows]
     likert = [*likert_rows(design, answers), *session_likert_rows(design, answers)]
-    yield from trial_answers_figures(design, True, likert, tests)
-    yield from session_answers_figures(design, True, likert, tests)
-    yield from mean_answers_figures(design, True, subjective_rows(design, answers), tests)
+    yield from trial_answer_figures(design, True, likert, tests)
+    yield from session_answer_figures(design, True, likert, tests)
+    yield from mean_answer_figures(design, True, answer_summary_rows(design, answers), tests)
 
 
 def outcome(task: str, robot: str, policy: str) -> ObjectiveRow:
@@ -139,13 +139,13 @@ def outcome(task: str, robot: str, policy: str) -> ObjectiveRow:
     )  # fmt: skip
 
 
-def objective_drawings(design: Design) -> Iterator[Drawing]:
+def objective_drawings(design: Design) -> Iterator[ReportFigure]:
     rows = [outcome(*each) for each in product(design.tasks, design.robots, design.policies)]
     yield success_figure(design, True, rows)
     yield reward_figure(design, True, rows)
 
 
-def body_drawings(design: Design) -> Iterator[Drawing]:
+def body_drawings(design: Design) -> Iterator[ReportFigure]:
     rng = np.random.default_rng(1)
     trials = [
         TrialRow(
@@ -163,16 +163,18 @@ def body_drawings(design: Design) -> Iterator[Drawing]:
         yield head_position_figure(group, people)
 
 
-def flow_drawings() -> Iterator[Drawing]:
+def flow_drawings() -> Iterator[ReportFigure]:
     excluded = {"Do you have a cognitive or visual impairment that glasses do not correct? Yes": 2}
     yield flow_chart(
         ParticipantFlow(
-            simulated=True, enrolled=20, deleted=1, no_consent=1, excluded=2, withdrew_before_allocation=1,
+            simulated=True, enrolled=20, deleted=1, without_consent=1, excluded=2, withdrew_before_allocation=1,
             awaiting_allocation=1,
-            allocated=14, withdrew=2, unfinished=3, completed=9, analysed=11, orders={1: 14}, consents={"1": 18},
-            first_day=None, last_day=None, analysed_unfinished=3, completed_without_data=1, exclusion_answers=excluded,
-            withdrawal_reasons_before_allocation={"no reason stored": 1},
-            withdrawal_reasons={"felt sick in the headset": 2},
+            allocated=14, withdrew=2, unfinished=3, completed=9, analysed=11, participants_by_order={1: 14},
+            participants_by_consent_version={"1": 18},
+            first_session_day=None, last_session_day=None, analysed_unfinished=3, completed_without_data=1,
+            exclusions_by_answer=excluded,
+            early_withdrawals_by_reason={"no reason stored": 1},
+            withdrawals_by_reason={"felt sick in the headset": 2},
         )
     )  # fmt: skip
 
@@ -252,26 +254,26 @@ def test_the_laws_find_words_on_words_words_cut_off_and_axes_without_labels() ->
 
 
 @pytest.fixture(scope="module")
-def drawing() -> Drawing:
+def drawing() -> ReportFigure:
     return next(objective_drawings(design_of("paper")))
 
 
-def test_a_pdf_has_its_fonts_inside_and_no_date(drawing: Drawing) -> None:
-    pdf = drawing.pdf()
+def test_a_pdf_has_its_fonts_inside_and_no_date(drawing: ReportFigure) -> None:
+    pdf = drawing.to_pdf()
     assert pdf.startswith(b"%PDF")
     described = pdf.count(b"/Type /FontDescriptor")
     assert described == pdf.count(b"/FontFile2 ") > 0
     assert b"/Type3" not in pdf
     assert b"/CreationDate" not in pdf
     size = [float(each) for each in re.findall(rb"/MediaBox \[([^\]]*)\]", pdf)[0].split()[2:]]
-    shown = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing.svg().decode())
+    shown = re.search(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', drawing.to_svg().decode())
     assert shown is not None
     assert size == [float(each) for each in shown.groups()]
 
 
-def test_the_same_figure_gives_the_same_bytes(drawing: Drawing) -> None:
+def test_the_same_figure_gives_the_same_bytes(drawing: ReportFigure) -> None:
     again = next(objective_drawings(design_of("paper")))
-    assert (again.svg(), again.pdf()) == (drawing.svg(), drawing.pdf())
+    assert (again.to_svg(), again.to_pdf()) == (drawing.to_svg(), drawing.to_pdf())
 
 
 @pytest.mark.slow
@@ -301,5 +303,5 @@ def test_marks_of_episodes_of_another_length_are_named_so() -> None:
         for each in product(design.tasks, design.robots, design.policies)
     ]
     drawing = success_figure(design, True, rows)
-    assert f"simulation: {note}" in drawing.svg().decode()
+    assert f"simulation: {note}" in drawing.to_svg().decode()
     assert faults(drawing.figure) == []

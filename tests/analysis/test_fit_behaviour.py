@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from avrgym.analysis.fit_behaviour import fit_behaviour
-from avrgym.analysis.recorded_motion import CHANNELS, RecordedMotion
-from avrgym.analysis.statistics.shrinkage import shrink
+from avrgym.analysis.recorded_motion import MOTION_JOINTS, RecordedMotion
+from avrgym.analysis.statistics.shrinkage import shrink_estimates
 from avrgym.models.human import JOINT_INDEX, SEATED, People, Person
-from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
+from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
 from avrgym.people import motor
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partners import BehaviourParameters, apply_partner_bodies, parameters_of
 
 PARTICIPANTS, TRIALS, STEPS = 4, 2, 80
 MOUTH_W, HEAD_W = np.array([0.0, -0.1, 1.2]), np.array([0.0, 0.0, 1.2])
-COLUMNS = [JOINT_INDEX[name] for name in CHANNELS]
+COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINTS]
 
 
 @dataclass(frozen=True)
@@ -32,10 +32,10 @@ class Seen:
 def recorded(parameters: BehaviourParameters, rng: np.random.Generator) -> list[RecordedMotion]:
     """Motion of people with these parameters (n,), in ``TRIALS`` trials each: the tool comes and goes, twice."""
     rows = np.repeat(np.arange(PARTICIPANTS), TRIALS)
-    own, count = parameters.of(rows), PARTICIPANTS * TRIALS
-    people = apply_partner_bodies(People.of([Person("man", 0.6)] * count), own)
+    own, count = parameters.select_partners(rows), PARTICIPANTS * TRIALS
+    people = apply_partner_bodies(People.from_persons([Person("man", 0.6)] * count), own)
     state = partner_behaviour.initial_state(people, own, rng.random((count, 4)))
-    moved = partner_behaviour.motor_state(state, people)
+    moved = partner_behaviour.initial_motor_state(state, people)
     time_s = CONTROL_STEP_S * np.arange(STEPS)[:, None]
     distance_m = 0.3 + 0.26 * np.cos(2.0 * np.pi * time_s / 6.0 + rng.uniform(-0.5, 0.5, count))
     sideways_m = 0.25 * np.sin(2.0 * np.pi * time_s / 3.7 + rng.uniform(0.0, 6.0, count))
@@ -43,25 +43,25 @@ def recorded(parameters: BehaviourParameters, rng: np.random.Generator) -> list[
     head_w, mouth_w = (np.broadcast_to(each, (count, 3)) for each in (HEAD_W, MOUTH_W))
     arm_w, shown = np.zeros((count, 3, 3)), []
     for tool in tool_w:
-        state, goals = partner_behaviour.choose_goals(
+        state, goals = partner_behaviour.choose_goal_angles(
             replace(state, targets_rad=moved.angles_rad), Seen(tool, head_w, mouth_w, arm_w), "mouth", SEATED
         )
-        moved = motor.set_goal(moved, goals, partner_behaviour.are_startled(state))
-        moved, targets = motor.next_targets_rad(moved, SUBSTEPS)
+        moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
+        moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)
         shown.append(targets[..., COLUMNS])
     angles = np.concatenate(shown)
     return [
         RecordedMotion(
             participant=f"sub-{rows[number]}",
             person=Person("man", 0.6),
-            offered="mouth",
+            offered_part="mouth",
             posture=SEATED,
-            tool_w=tool_w[:, number],
-            head_w=np.tile(head_w[number], (STEPS, 1)),
-            mouth_w=np.tile(mouth_w[number], (STEPS, 1)),
-            right_arm_w=np.zeros((STEPS, 3, 3)),
+            tool_pos_w=tool_w[:, number],
+            head_pos_w=np.tile(head_w[number], (STEPS, 1)),
+            mouth_pos_w=np.tile(mouth_w[number], (STEPS, 1)),
+            right_arm_pos_w=np.zeros((STEPS, 3, 3)),
             angles_rad=angles[:, number],
-            start=0,
+            first_active_sample=0,
         )
         for number in range(count)
     ]
@@ -88,9 +88,9 @@ def test_parameters_are_recovered_and_a_participant_who_never_starts_stays_so():
     values = [{name: float(each[row]) for name, each in true.items()} for row in range(PARTICIPANTS)]
     fit = fit_behaviour(recorded(parameters_of(values), rng))
     for name, each in true.items():
-        error = fit.parameters[name].mean - each
+        error = fit.parameters[name].posterior_mean - each
         assert np.sqrt(np.mean(error**2)) < each.std(), name
-    assert fit.parameters["startle_deg"].mean.max() < 1.5
+    assert fit.parameters["startle_deg"].posterior_mean.max() < 1.5
     assert all(low >= 0.0 for one in fit.estimates() for low, _ in one.values())
 
 
@@ -101,15 +101,15 @@ def test_shrinkage_covers_the_parameters_of_a_group(rng: np.random.Generator):
         variances = rng.uniform(0.1, 2.0, 12)
         true = rng.normal(3.0, 1.0, 12)
         estimates = rng.normal(true, np.sqrt(variances))
-        found = shrink(estimates, variances)
-        covered.append(np.abs(found.mean - true) < 1.645 * found.deviation)
+        found = shrink_estimates(estimates, variances)
+        covered.append(np.abs(found.posterior_mean - true) < 1.645 * found.posterior_sd)
         raw.append((estimates - true) ** 2)
-        shrunken.append((found.mean - true) ** 2)
+        shrunken.append((found.posterior_mean - true) ** 2)
     assert np.mean(covered) == pytest.approx(0.9, abs=0.05)
     assert np.mean(shrunken) < 0.8 * np.mean(raw)
 
 
 def test_equal_estimates_are_shrunk_to_their_mean():
-    found = shrink(np.array([1.0, 1.0, 1.0]), np.array([0.1, 0.2, 0.3]))
-    assert found.group_deviation == 0.0
-    assert found.mean == pytest.approx([1.0, 1.0, 1.0])
+    found = shrink_estimates(np.array([1.0, 1.0, 1.0]), np.array([0.1, 0.2, 0.3]))
+    assert found.group_sd == 0.0
+    assert found.posterior_mean == pytest.approx([1.0, 1.0, 1.0])

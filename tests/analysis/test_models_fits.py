@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from avrgym.analysis.models.estimate import Estimate, FitError
-from avrgym.analysis.models.mixed import fit_mixed
+from avrgym.analysis.models.estimate import EffectEstimate, ModelFitError
+from avrgym.analysis.models.mixed import fit_mixed_model
 from avrgym.analysis.models.ordinal import (
     KAUERMANN_CARROLL,
     MANCL_DEROUEN,
     UNCORRECTED,
     clustered_covariance,
-    fit_ordinal,
+    fit_ordinal_model,
 )
 from helpers.studies.published_data import RESPIRATION, SLEEP, WINE
 
@@ -25,14 +25,14 @@ SLEEPER = np.repeat(np.arange(18), 10)
 def test_sleep_is_modelled_as_by_lme4() -> None:
     """``lmer(Reaction ~ Days + (Days || Subject))`` and ``(1 | Subject)``: Bates et al., J. Stat. Softw. 67, 2015."""
     design = np.stack([np.ones(180), DAYS], axis=1)
-    found = fit_mixed(SLEEP.ravel(), design, SLEEPER, [SLEEPER, DAYS[:, None]])
-    assert found.variances == pytest.approx([627.57, 35.86, 653.58], abs=0.006)
+    found = fit_mixed_model(SLEEP.ravel(), design, SLEEPER, [SLEEPER, DAYS[:, None]])
+    assert found.variance_components == pytest.approx([627.57, 35.86, 653.58], abs=0.006)
     assert found.coefficients == pytest.approx([251.405, 10.467], abs=6e-4)
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx([6.885, 1.560], abs=6e-4)
-    found = fit_mixed(SLEEP.ravel(), design, SLEEPER, [SLEEPER])
-    assert found.variances == pytest.approx([1378.2, 960.5], abs=0.06)
+    assert np.sqrt(np.diag(found.coefficient_covariance)) == pytest.approx([6.885, 1.560], abs=6e-4)
+    found = fit_mixed_model(SLEEP.ravel(), design, SLEEPER, [SLEEPER])
+    assert found.variance_components == pytest.approx([1378.2, 960.5], abs=0.06)
     estimate = found.estimate(np.array([0.0, 1.0]))
-    assert (estimate.value, estimate.error) == (
+    assert (estimate.value, estimate.standard_error) == (
         pytest.approx(10.4673, abs=6e-5),
         pytest.approx(0.8042, abs=6e-5),
     )
@@ -43,7 +43,7 @@ def test_wine_is_modelled_as_by_ordinal() -> None:
     """``clm(rating ~ temp + contact)``: Christensen, vignette of R's ordinal."""
     bottle = np.tile(np.arange(8), 9)
     design = np.stack([bottle < 4, bottle % 4 < 2], axis=1) == 0
-    found = fit_ordinal(WINE.ravel(), design.astype(float), np.repeat(np.arange(9), 8))
+    found = fit_ordinal_model(WINE.ravel(), design.astype(float), np.repeat(np.arange(9), 8))
     assert found.coefficients == pytest.approx([2.503, 1.528], abs=6e-4)
     assert found.thresholds == pytest.approx([-1.344, 1.251, 3.467, 5.006], abs=6e-4)
 
@@ -56,11 +56,11 @@ def test_respiration_is_modelled_as_by_gee() -> None:
         for patient in RESPIRATION
     ]
     design, patients = np.repeat(np.array(known, float), 4, axis=0), np.repeat(np.arange(111), 4)
-    found = fit_ordinal(status.ravel(), design, patients, UNCORRECTED)
+    found = fit_ordinal_model(status.ravel(), design, patients, UNCORRECTED)
     assert found.coefficients == pytest.approx(
         [0.67160098, 1.29921589, 0.11924365, 1.88202860, -0.01816588], abs=1e-6
     )
-    assert np.sqrt(np.diag(found.covariance)) == pytest.approx(
+    assert np.sqrt(np.diag(found.coefficient_covariance)) == pytest.approx(
         [0.35681913, 0.35077797, 0.44320235, 0.35005152, 0.01300426], abs=1e-6
     )
 
@@ -95,10 +95,10 @@ def test_the_order_of_answers_does_not_matter_to_their_size(rng: np.random.Gener
     """Turned around, effects change sign; other numbers for the same categories change nothing."""
     design, people = rng.normal(size=(60, 2)), np.repeat(np.arange(10), 6)
     answers = rng.integers(1, 6, 60)
-    found, turned = fit_ordinal(answers, design, people), fit_ordinal(-answers, design, people)
+    found, turned = fit_ordinal_model(answers, design, people), fit_ordinal_model(-answers, design, people)
     assert turned.coefficients == pytest.approx(-found.coefficients, abs=1e-8)
-    assert turned.covariance == pytest.approx(found.covariance, rel=1e-6)
-    assert fit_ordinal(answers**3, design, people).coefficients == pytest.approx(
+    assert turned.coefficient_covariance == pytest.approx(found.coefficient_covariance, rel=1e-6)
+    assert fit_ordinal_model(answers**3, design, people).coefficients == pytest.approx(
         found.coefficients, abs=1e-12
     )
 
@@ -113,12 +113,14 @@ def test_balanced_pairs_are_tested_as_by_student(differ: float, rng: np.random.G
     people = np.repeat(np.arange(9), 8)
     condition = np.tile(np.repeat([0, 1], 4), 9)
     design = np.stack([np.ones(72), condition], axis=1)
-    found = fit_mixed(values.ravel(), design, people, [people, condition]).estimate(np.array([0.0, 1.0]))
+    found = fit_mixed_model(values.ravel(), design, people, [people, condition]).estimate(
+        np.array([0.0, 1.0])
+    )
     means = values.mean(axis=2)
     expected = stats.ttest_rel(means[:, 1], means[:, 0])
     interval = expected.confidence_interval()
     assert (found.p, found.df) == (pytest.approx(expected.pvalue, rel=1e-6), pytest.approx(8, rel=1e-6))
-    assert (found.low, found.high) == pytest.approx((interval.low, interval.high), rel=1e-6)
+    assert (found.ci_low, found.ci_high) == pytest.approx((interval.low, interval.high), rel=1e-6)
 
 
 # What data cannot tell
@@ -131,34 +133,34 @@ WITH_CONSTANT = np.hstack([np.ones((24, 1)), CONDITION])
 def test_separated_groups_have_no_odds_ratio(rng: np.random.Generator) -> None:
     always = np.where(CONDITION[:, 0] == 1, 1, rng.integers(0, 2, 24))
     for values in (CONDITION[:, 0], always, 1 - always):
-        with pytest.raises(FitError, match="complete separation"):
-            fit_ordinal(values, CONDITION, PEOPLE)
+        with pytest.raises(ModelFitError, match="complete separation"):
+            fit_ordinal_model(values, CONDITION, PEOPLE)
 
 
 def test_equal_values_are_no_data() -> None:
-    with pytest.raises(FitError, match="all values are equal"):
-        fit_ordinal(np.ones(24), CONDITION, PEOPLE)
-    with pytest.raises(FitError, match="all values are equal"):
-        fit_mixed(np.ones(24), WITH_CONSTANT, PEOPLE, [PEOPLE])
+    with pytest.raises(ModelFitError, match="all values are equal"):
+        fit_ordinal_model(np.ones(24), CONDITION, PEOPLE)
+    with pytest.raises(ModelFitError, match="all values are equal"):
+        fit_mixed_model(np.ones(24), WITH_CONSTANT, PEOPLE, [PEOPLE])
 
 
 def test_effects_that_are_the_same_cannot_be_told_apart(rng: np.random.Generator) -> None:
     values, twice = rng.integers(0, 3, 24), np.hstack([CONDITION, CONDITION])
-    with pytest.raises(FitError):
-        fit_ordinal(values, twice, PEOPLE).estimate(np.array([1.0, 0.0]))
-    with pytest.raises(FitError, match="identifiable"):
-        fit_mixed(values, np.hstack([WITH_CONSTANT, CONDITION]), PEOPLE, [PEOPLE])
+    with pytest.raises(ModelFitError):
+        fit_ordinal_model(values, twice, PEOPLE).estimate(np.array([1.0, 0.0]))
+    with pytest.raises(ModelFitError, match="identifiable"):
+        fit_mixed_model(values, np.hstack([WITH_CONSTANT, CONDITION]), PEOPLE, [PEOPLE])
 
 
 def test_differences_that_are_all_the_same_have_no_variance(rng: np.random.Generator) -> None:
     values = np.repeat(rng.normal(size=6), 4) + CONDITION[:, 0]
-    with pytest.raises(FitError):
-        fit_mixed(values, WITH_CONSTANT, PEOPLE, [PEOPLE]).estimate(np.array([0.0, 1.0]))
-    with pytest.raises(FitError, match="variance is zero"):
-        Estimate.from_variance(1.0, 0.0, 3.0)
+    with pytest.raises(ModelFitError):
+        fit_mixed_model(values, WITH_CONSTANT, PEOPLE, [PEOPLE]).estimate(np.array([0.0, 1.0]))
+    with pytest.raises(ModelFitError, match="variance is zero"):
+        EffectEstimate.from_variance(1.0, 0.0, 3.0)
 
 
 def test_one_cluster_that_alone_determines_an_effect_is_told(rng: np.random.Generator) -> None:
     values, only = rng.integers(0, 3, 24), (PEOPLE == 2).astype(float)[:, None]
-    with pytest.raises(FitError, match="one participant alone"):
-        fit_ordinal(values, only, PEOPLE)
+    with pytest.raises(ModelFitError, match="one participant alone"):
+        fit_ordinal_model(values, only, PEOPLE)

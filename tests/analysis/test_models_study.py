@@ -9,22 +9,28 @@ import numpy as np
 import pytest
 
 from avrgym.analysis.models.effects import (
-    CARRY_OVER,
-    EFFECTS,
-    LEARNING,
-    ORDER,
-    POLICIES,
+    CARRY_OVER_EFFECT,
+    EFFECT_KINDS,
+    LEARNING_EFFECT,
+    ORDER_EFFECT,
+    POLICY_EFFECT,
     Effect,
     TrialValue,
-    effects,
+    effects_of_interest,
 )
-from avrgym.analysis.models.estimate import FitError
-from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, estimate_effects
-from avrgym.analysis.models.models import ModelGroup, ModelRow, group_rows, model_groups, trial_positions
+from avrgym.analysis.models.estimate import ModelFitError
+from avrgym.analysis.models.fitting import LOGISTIC_MODEL, MIXED_MODEL, ORDINAL_MODEL, estimate_effects
+from avrgym.analysis.models.models import (
+    ModelGroup,
+    ModelRow,
+    model_group_rows,
+    model_groups,
+    trial_positions,
+)
 from avrgym.analysis.reading.rows import AttemptRow
 from avrgym.analysis.statistics.tests import holm_correction
 from avrgym.study.design.allocation import plan_trials
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.design import Design, default_design_text, parse_design
 from avrgym.tasks.registry import find_environment
 from helpers.studies.simulated_results import (
     simulated_answers,
@@ -33,20 +39,22 @@ from helpers.studies.simulated_results import (
     trial_values,
 )
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 STUDIES = 60
 Imagine = Callable[[Design, int, int], list[TrialValue]]
 
 
 def with_only(**changes: str) -> Design:
-    text = default_text()
+    text = default_design_text()
     for name, value in changes.items():
         text = re.sub(rf"(?m)^{name} = .*$", f"{name} = {value}", text)
     return parse_design(text)
 
 
 def rows(model: str, observed: list[TrialValue], design: Design = DESIGN) -> list[ModelRow]:
-    return group_rows(design, ModelGroup("models", {"value": model}, "trials"), False, {"value": observed})
+    return model_group_rows(
+        design, ModelGroup("models", {"value": model}, "trials"), False, {"value": observed}
+    )
 
 
 # Effects
@@ -79,43 +87,45 @@ def test_a_course_is_told_from_the_trials_as_they_were_run() -> None:
             assert each.position_in_block == pytest.approx(previous.position_in_block + 1 / 3)
 
 
-@pytest.mark.parametrize("kind", EFFECTS)
+@pytest.mark.parametrize("kind", EFFECT_KINDS)
 def test_an_effect_is_found_where_it_is_and_nowhere_else(kind: str) -> None:
     """Rewards that follow one effect alone: its estimate is that effect, and all others are none."""
-    (wanted,) = (effect for effect in effects(DESIGN) if effect.kind == kind)
+    (wanted,) = (effect for effect in effects_of_interest(DESIGN) if effect.kind == kind)
     plain = simulated_rewards(DESIGN, 12, 0)
     size = {
-        POLICIES: lambda each: each.policy == "revised",
+        POLICY_EFFECT: lambda each: each.policy == "revised",
         "robots": lambda each: each.robot == DESIGN.robots[1],
-        LEARNING: lambda each: each.block_position,
-        ORDER: lambda each: each.position_in_block,
-        CARRY_OVER: lambda each: 0.5 if each.previous_policy is None else each.previous_policy == "revised",
+        LEARNING_EFFECT: lambda each: each.block_position,
+        ORDER_EFFECT: lambda each: each.position_in_block,
+        CARRY_OVER_EFFECT: lambda each: (
+            0.5 if each.previous_policy is None else each.previous_policy == "revised"
+        ),
     }[kind]
     moved = [replace(each, value=each.value + 3.0 * size(each)) for each in plain]
     before, after = (
-        estimate_effects(DESIGN, MIXED, plain, effects(DESIGN)),
-        estimate_effects(DESIGN, MIXED, moved, effects(DESIGN)),
+        estimate_effects(DESIGN, MIXED_MODEL, plain, effects_of_interest(DESIGN)),
+        estimate_effects(DESIGN, MIXED_MODEL, moved, effects_of_interest(DESIGN)),
     )
-    for effect in effects(DESIGN):
+    for effect in effects_of_interest(DESIGN):
         a, b = before[effect], after[effect]
-        assert not isinstance(a, FitError)
-        assert not isinstance(b, FitError)
+        assert not isinstance(a, ModelFitError)
+        assert not isinstance(b, ModelFitError)
         assert b.value - a.value == pytest.approx(3.0 if effect == wanted else 0.0, abs=1e-6)
 
 
 def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
     for model, observed in (
-        (ORDINAL, simulated_answers(DESIGN, 16, 1, 1.5)),
-        (LOGISTIC, simulated_successes(DESIGN, 16, 1)),
+        (ORDINAL_MODEL, simulated_answers(DESIGN, 16, 1, 1.5)),
+        (LOGISTIC_MODEL, simulated_successes(DESIGN, 16, 1)),
     ):
-        if model == LOGISTIC:
+        if model == LOGISTIC_MODEL:
             observed = [
                 replace(each, value=max(each.value, each.policy == "revised")) for each in observed[:200]
             ]
             observed = [
                 replace(each, value=0.0) if number % 7 == 0 else each for number, each in enumerate(observed)
             ]
-        row = next(row for row in rows(model, observed) if row.effect == POLICIES)
+        row = next(row for row in rows(model, observed) if row.effect == POLICY_EFFECT)
         assert (row.group_a, row.group_b) == ("revised", "original")
         assert row.odds_ratio is not None
         assert row.odds_ratio_low is not None
@@ -133,17 +143,21 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
 @pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(
     ("model", "imagine"),
-    [(ORDINAL, simulated_answers), (LOGISTIC, simulated_successes), (MIXED, simulated_rewards)],
+    [
+        (ORDINAL_MODEL, simulated_answers),
+        (LOGISTIC_MODEL, simulated_successes),
+        (MIXED_MODEL, simulated_rewards),
+    ],
 )
 def test_where_policies_do_not_differ_models_seldom_say_so(model: str, imagine: Imagine) -> None:
     """At 5 % more than 9 of 60 happen once in 2,000 times; uncorrected tests by trial find 30 %. `make soak` counts
     1,000 studies of each kind."""
-    (policies,) = (effect for effect in effects(DESIGN) if effect.kind == POLICIES)
+    (policies,) = (effect for effect in effects_of_interest(DESIGN) if effect.kind == POLICY_EFFECT)
     found = [
         estimate_effects(DESIGN, model, imagine(DESIGN, 8, 100 + n), [policies])[policies]
         for n in range(STUDIES)
     ]
-    fitted = [each for each in found if not isinstance(each, FitError)]
+    fitted = [each for each in found if not isinstance(each, ModelFitError)]
     assert len(fitted) == STUDIES
     assert sum(each.p < 0.05 for each in fitted) <= 9
     assert min(each.p for each in fitted) < 0.2
@@ -216,14 +230,14 @@ def test_whatever_data_do_not_tell_is_a_sentence_and_no_number(
     design: Design, shape: Callable[[list[TrialValue]], list[TrialValue]]
 ) -> None:
     kinds = {
-        ORDINAL: simulated_answers(design, 5, 0),
-        LOGISTIC: simulated_successes(design, 5, 0),
-        MIXED: simulated_rewards(design, 5, 0),
+        ORDINAL_MODEL: simulated_answers(design, 5, 0),
+        LOGISTIC_MODEL: simulated_successes(design, 5, 0),
+        MIXED_MODEL: simulated_rewards(design, 5, 0),
     }
     for model, observed in kinds.items():
         given = shape(observed)
         found = rows(model, given, design)
-        assert len(found) == len(effects(design))
+        assert len(found) == len(effects_of_interest(design))
         for row in found:
             check_row(row, given)
 
@@ -241,7 +255,7 @@ def check_row(row: ModelRow, given: list[TrialValue]) -> None:
     assert row.df is not None
     assert row.error > 0
     assert row.df > 0.5
-    assert abs(row.estimate) < 12 or row.model == MIXED
+    assert abs(row.estimate) < 12 or row.model == MIXED_MODEL
     assert row.participants >= 4
     assert row.values <= len(given)
 
@@ -252,7 +266,7 @@ def test_a_task_in_which_all_succeed_is_left_out_and_named() -> None:
         replace(each, value=1.0) if each.task == task else each for each in simulated_successes(DESIGN, 12, 3)
     ]
     others = [each for each in observed if each.task != task]
-    found, expected = rows(LOGISTIC, observed), rows(LOGISTIC, others)
+    found, expected = rows(LOGISTIC_MODEL, observed), rows(LOGISTIC_MODEL, others)
     for row, other in zip(found, expected, strict=True):
         assert (row.estimate, row.p) == (other.estimate, other.p)
         assert row.note.endswith(
@@ -262,16 +276,21 @@ def test_a_task_in_which_all_succeed_is_left_out_and_named() -> None:
 
 def test_effects_of_a_kind_are_corrected_together() -> None:
     design = DESIGNS["three policies, no practice"]
-    found = rows(ORDINAL, simulated_answers(design, 8, 0), design)
-    own = [row for row in found if row.effect == POLICIES]
+    found = rows(ORDINAL_MODEL, simulated_answers(design, 8, 0), design)
+    own = [row for row in found if row.effect == POLICY_EFFECT]
     assert len(own) == 3
     assert [row.p_holm for row in own] == holm_correction([row.p for row in own])
 
 
 def test_long_scales_are_taken_for_numbers() -> None:
-    text = default_text().replace('id = "L2"', 'id = "L2"').replace("points = 7", "points = 101", 1)
+    text = default_design_text().replace('id = "L2"', 'id = "L2"').replace("points = 7", "points = 101", 1)
     (answers, _) = model_groups(parse_design(text))
-    assert answers.models == {"L1": MIXED, "L2": ORDINAL, "L3": ORDINAL, "L4": ORDINAL}
+    assert answers.model_by_quantity == {
+        "L1": MIXED_MODEL,
+        "L2": ORDINAL_MODEL,
+        "L3": ORDINAL_MODEL,
+        "L4": ORDINAL_MODEL,
+    }
 
 
 def test_values_stand_with_their_conditions() -> None:
@@ -286,7 +305,7 @@ def test_values_stand_with_their_conditions() -> None:
 
 def test_a_pair_of_groups_is_estimated_against_each_other_only_if_both_are_there() -> None:
     observed = one_policy(simulated_answers(DESIGN, 8, 0))
-    found = estimate_effects(DESIGN, ORDINAL, observed, [Effect(POLICIES, "revised", "original")])
+    found = estimate_effects(DESIGN, ORDINAL_MODEL, observed, [Effect(POLICY_EFFECT, "revised", "original")])
     (reason,) = found.values()
-    assert isinstance(reason, FitError)
+    assert isinstance(reason, ModelFitError)
     assert str(reason) == "the effect is not identifiable from these trials"

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 
@@ -15,31 +15,31 @@ OLD = Path(__file__).parents[1] / "data" / "study-of-0.2.0"
 
 @pytest.fixture
 def old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     return Path(shutil.copytree(OLD, tmp_path / "old"))
 
 
-def check_rows(found: Analysis) -> None:
-    assert {(row.minimum, row.maximum, row.points) for row in found.observed.answers} == {
+def check_rows(found: StudyAnalysis) -> None:
+    assert {(row.minimum, row.maximum, row.points) for row in found.study_data.answers} == {
         (0, 3, 4),
         (0, 100, 21),
         (1, 7, 7),
     }
-    assert {row.value for row in found.likert if row.item.startswith("L")} == set(range(1, 8))
+    assert {row.value for row in found.answer_frequencies if row.item.startswith("L")} == set(range(1, 8))
     for flow in found.flows:
-        assert flow.analysed == len(found.observed.analysed_people(simulated=flow.simulated))
+        assert flow.analysed == len(found.study_data.analysed_participants(simulated=flow.simulated))
         assert flow.analysed <= flow.completed + flow.unfinished
 
 
 def test_an_old_study_is_analysed_on_the_scales_of_its_items(old: Path) -> None:
     with Store(old) as store:
-        check_rows(analyse(store))
+        check_rows(analyse_study(store))
 
 
 @pytest.mark.slow
 def test_the_report_of_an_old_study_has_every_figure_in_both_formats(old: Path, tmp_path: Path) -> None:
     with Store(old) as store:
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     figures = {path.relative_to(tmp_path) for path in tmp_path.glob("out/*/*.svg")}
     assert figures
     assert {

@@ -11,34 +11,34 @@ import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
-from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.answers.trial_answers import answer_test_families
 from avrgym.analysis.models.effects import TrialValue
 from avrgym.analysis.power.power import (
     PowerRow,
-    count_significant,
+    count_significant_studies,
     default_participant_numbers,
-    p_values,
+    ordered_trial_values,
     power_rows,
+    primary_p_values,
     required_participants,
-    values_in_order,
 )
-from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
+from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
 from avrgym.analysis.power.summary import describe_power, min_p_value
-from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.primary import assign_result_roles
 from avrgym.analysis.reading.rows import AnswerRow
-from avrgym.analysis.statistics.comparisons import PARTICIPANT
+from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT
 from avrgym.cli.main import app
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.design import Design, default_design_text, parse_design
 
-DESIGN = parse_design(default_text())
-NOISE_ONLY = Assumptions(participant_sd=0, policy_sd=0, task_sd=0, noise_sd=1, drift=0, dropout=0)
-BETWEEN = f"policies, by {PARTICIPANT}"
+DESIGN = parse_design(default_design_text())
+NOISE_ONLY = PowerAssumptions(participant_sd=0, policy_sd=0, task_sd=0, noise_sd=1, drift=0, dropout=0)
+BETWEEN = f"policies, by {PARTICIPANT_UNIT}"
 SIMULATIONS = 1500
 
 
 def one_pair(points: int) -> Design:
     """Each participant answers one item once with each of two policies."""
-    text = re.sub(r"(?m)^    \{ id = \"L[234]\".*\n", "", default_text())
+    text = re.sub(r"(?m)^    \{ id = \"L[234]\".*\n", "", default_design_text())
     text = text.replace("points = 7", f"points = {points}")
     text = re.sub(r"(?m)^tasks = .*$", 'tasks = ["Feeding"]', text)
     return parse_design(re.sub(r"(?m)^robots = .*$", 'robots = ["Jaco"]', text))
@@ -49,7 +49,9 @@ def simulated(design: Design, effect: float, participants: int, test: str) -> fl
     studies = SimulatedStudies(design, NOISE_ONLY, 5)
     none = np.zeros((participants, len(design.policies), 0))
     found = [
-        p_values(design, studies.questionnaire, studies.answers(effect, participants, number), none)
+        primary_p_values(
+            design, studies.questionnaire, studies.simulate_answers(effect, participants, number), none
+        )
         for number in range(SIMULATIONS)
     ]
     return sum((each[test, "L1"][0] or 1.0) < 0.05 for each in found) / SIMULATIONS
@@ -89,8 +91,8 @@ def test_of_normal_answers_power_is_that_of_student_with_few_more() -> None:
 
 
 def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
-    studies = SimulatedStudies(DESIGN, Assumptions(), 3)
-    answers = studies.answers(0.7, 7, 0)
+    studies = SimulatedStudies(DESIGN, PowerAssumptions(), 3)
+    answers = studies.simulate_answers(0.7, 7, 0)
     rows = [
         _row(f"sub-{number:03}", task, robot, policy, item.id, int(answers[number, t, r, p, i]))
         for number in range(len(answers))
@@ -103,13 +105,13 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
     ]
     found = {
         (row.family, row.quantity): (row.p, row.p_primary)
-        for family in assign_roles(answer_families(DESIGN, rows), [], None).families
+        for family in assign_result_roles(answer_test_families(DESIGN, rows), [], None).families
         for row in family.rows
-        if row.unit == PARTICIPANT and row.group_a == "revised"
+        if row.unit == PARTICIPANT_UNIT and row.group_a == "revised"
     }
     assert len(found) == 5
     none = np.zeros((7, 2, 0))
-    assert p_values(DESIGN, studies.questionnaire, answers, none) == found
+    assert primary_p_values(DESIGN, studies.questionnaire, answers, none) == found
     values = {(each.task, each.robot, each.policy): each.value for each in _observed(studies, 0.7, 3)}
     assert values == {
         (task, robot, policy): answers[3, t, r, p, 0]
@@ -121,20 +123,20 @@ def test_imagined_answers_are_tested_as_the_analysis_tests_answers() -> None:
 
 def _observed(studies: SimulatedStudies, effect: float, who: int) -> list[TrialValue]:
     """The trials of a participant of the first study of seven, as its model takes them."""
-    answers = studies.answers(effect, 7, 0)[..., 0].astype(float)
-    trials = values_in_order(studies.design, answers, studies.orders(7, 0))
+    answers = studies.simulate_answers(effect, 7, 0)[..., 0].astype(float)
+    trials = ordered_trial_values(studies.design, answers, studies.simulate_trial_orders(7, 0))
     return [each for each in trials if each.participant == f"sub-{who + 1:03}"]
 
 
 def test_power_is_that_of_primary_tests_and_the_model_and_of_no_test_by_trial() -> None:
-    counts = count_significant(DESIGN, Assumptions(), 3.0, 8, 0, range(3))
+    counts = count_significant_studies(DESIGN, PowerAssumptions(), 3.0, 8, 0, range(3))
     assert list(counts) == [
         ("L1 against the middle, by participant", "L1"),
         *((BETWEEN, f"L{item}") for item in (1, 2, 3, 4)),
         ("policies, models of answers", "L1"),
     ]
     assert counts["policies, models of answers", "L1"] == (3, 3)
-    few = count_significant(DESIGN, Assumptions(), 3.0, 3, 0, range(3))
+    few = count_significant_studies(DESIGN, PowerAssumptions(), 3.0, 3, 0, range(3))
     assert set(few.values()) == {(0, 0)}
 
 
@@ -150,19 +152,19 @@ def _row(participant: str, task: str, robot: str, policy: str, item: str, value:
 
 
 def test_who_comes_first_does_not_depend_on_who_follows() -> None:
-    studies = SimulatedStudies(DESIGN, Assumptions(dropout=0.3), 1)
-    few, many = studies.answers(1.0, 4, 9), studies.answers(1.0, 12, 9)
+    studies = SimulatedStudies(DESIGN, PowerAssumptions(dropout=0.3), 1)
+    few, many = studies.simulate_answers(1.0, 4, 9), studies.simulate_answers(1.0, 12, 9)
     assert few.shape == (4, 4, 2, 2, 4)
     assert np.array_equal(few, many[:4])
-    assert not np.array_equal(few, studies.answers(1.0, 4, 10))
-    assert (studies.answers(2.0, 12, 9) >= many).all()
+    assert not np.array_equal(few, studies.simulate_answers(1.0, 4, 10))
+    assert (studies.simulate_answers(2.0, 12, 9) >= many).all()
     assert set(np.unique(many)) <= set(range(1, 8))
 
 
 def test_drift_goes_with_the_place_in_the_session() -> None:
     """Without noise, later conditions get higher ratings; this cancels out over all orders."""
     assumed = replace(NOISE_ONLY, noise_sd=0, drift=6.0)
-    answers = SimulatedStudies(DESIGN, assumed, 0).answers(0.0, 4, 0)
+    answers = SimulatedStudies(DESIGN, assumed, 0).simulate_answers(0.0, 4, 0)
     assert answers.min() == 1
     assert answers.max() == 7
     assert np.ptp(answers[..., 0].mean(axis=(0, 1, 2))) < 0.3
@@ -197,7 +199,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
         *power_rows([{(BETWEEN, "L1"): (70, 20)}], 1.0, participants, 100),
         *power_rows([{(BETWEEN, "L1"): (5, 1)}], 0.0, participants, 100),
     ]
-    told = " ".join(describe_power(Assumptions(), rows, participants))
+    told = " ".join(describe_power(PowerAssumptions(), rows, participants))
     assert words in told
     assert "after correction in 20 % (13 to 29): power is below 50 %" in told
     assert "Without an effect, 'policies, by participant' is significant in 5 %" in told
@@ -208,7 +210,7 @@ def test_words_say_what_so_few_can_show(participants: int, words: str) -> None:
 def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     """Two processes give what one gives."""
     design = tmp_path / "study.toml"
-    design.write_text(default_text())
+    design.write_text(default_design_text())
     arguments = ["--effect", "2", "--participants", "4", "--simulations", "101", "--seed", "7", "--jobs", "2"]
     command = ["study", "power", str(tmp_path), *arguments, "--json", str(tmp_path / "power.json")]
     shown = CliRunner().invoke(app, command)
@@ -217,7 +219,7 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
     found = json.loads((tmp_path / "power.json").read_text())
     assert found["assumptions"]["noise_sd"] == 1.0
     assert {(row["effect"], row["participants"]) for row in found["power"]} == {(0.0, 8), (2.0, 4), (2.0, 8)}
-    expected = count_significant(DESIGN, Assumptions(), 2.0, 8, 7, range(101))
+    expected = count_significant_studies(DESIGN, PowerAssumptions(), 2.0, 8, 7, range(101))
     for row in found["power"]:
         if (row["effect"], row["participants"]) == (2.0, 8):
             times = tuple(round(101 * row[name]) for name in ("power", "corrected_power"))
@@ -226,12 +228,12 @@ def test_a_studys_power_on_the_command_line(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_is_refused(tmp_path: Path) -> None:
-    text = default_text()
+    text = default_design_text()
     nothing = text[: text.index("\n[[questionnaires]]\n")] + text[text.index("\n[goals]\n") :]
     with pytest.raises(ValueError, match="no questionnaire after trials"):
-        SimulatedStudies(parse_design(nothing), Assumptions(), 0)
+        SimulatedStudies(parse_design(nothing), PowerAssumptions(), 0)
     with pytest.raises(ValueError, match="noise_sd is -1; allowed: 0 or more"):
-        Assumptions(noise_sd=-1)
+        PowerAssumptions(noise_sd=-1)
     (tmp_path / "study.toml").write_text(text)
     for effect in ("0", "nan"):
         refused = CliRunner().invoke(app, ["study", "power", str(tmp_path), "--effect", effect])

@@ -7,30 +7,30 @@ from itertools import product
 import numpy as np
 import pytest
 
-from avrgym.analysis.models.effects import TrialValue, effects
-from avrgym.analysis.models.estimate import Estimate
-from avrgym.analysis.models.fitting import MIXED, UNRELIABLE_NOTE, estimate_effects
-from avrgym.analysis.outcomes.outcomes import OBJECTIVE, mean_with_interval
+from avrgym.analysis.models.effects import TrialValue, effects_of_interest
+from avrgym.analysis.models.estimate import EffectEstimate
+from avrgym.analysis.models.fitting import MIXED_MODEL, UNRELIABLE_P_NOTE, estimate_effects
+from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, mean_with_interval
 from avrgym.analysis.page.comparisons import table_of_tests
 from avrgym.analysis.page.elements import p_text
-from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
-from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
+from avrgym.analysis.primary import assign_result_roles
 from avrgym.analysis.statistics.comparisons import (
-    PARTICIPANT,
-    TRIAL,
+    PARTICIPANT_UNIT,
+    TRIAL_UNIT,
     Comparison,
     ComparisonRow,
-    Question,
-    corrected_family,
+    ResearchQuestion,
+    holm_corrected_family,
 )
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
-from avrgym.analysis.statistics.tests import holm_correction, rank_sum, signed_rank, t_interval
-from avrgym.study.design.design import default_text, parse_design
-from avrgym.study.plan.plan import Exclusion, Hypothesis, Plan
+from avrgym.analysis.statistics.tests import holm_correction, rank_sum_test, signed_rank_test, t_interval
+from avrgym.study.design.design import default_design_text, parse_design
+from avrgym.study.plan.plan import ExclusionRules, Hypothesis, Plan
 from inference import any_star, imagined
 
-DESIGN = parse_design(default_text())
-STUDIES = SimulatedStudies(DESIGN, Assumptions(), 3)
+DESIGN = parse_design(default_design_text())
+STUDIES = SimulatedStudies(DESIGN, PowerAssumptions(), 3)
 
 
 def rows(effect: float = 0.7, people: int = 8, number: int = 0) -> list[ComparisonRow]:
@@ -39,7 +39,7 @@ def rows(effect: float = 0.7, people: int = 8, number: int = 0) -> list[Comparis
 
 def planned(*tests: str) -> Plan:
     hypothesis = Hypothesis("H1", "Better.", ("L1",), tests)
-    return Plan(participants=8, exclusion=Exclusion(0.5), hypotheses=(hypothesis,))
+    return Plan(participants=8, exclusion=ExclusionRules(0.5), hypotheses=(hypothesis,))
 
 
 # Roles
@@ -50,14 +50,14 @@ def test_each_question_has_one_primary_result() -> None:
     asked = {(each.family.rpartition(", by ")[0], each.quantity, each.group_a) for each in tests}
     primary = [each for each in tests if each.role == "primary"]
     assert len(primary) == len(asked) == 9
-    assert {each.unit for each in primary} == {PARTICIPANT}
-    assert {each.role for each in tests if each.unit == TRIAL} == {"supplement"}
+    assert {each.unit for each in primary} == {PARTICIPANT_UNIT}
+    assert {each.role for each in tests if each.unit == TRIAL_UNIT} == {"supplement"}
     assert all(each.p_primary is not None for each in primary if each.p is not None)
     assert not any(each.stars for each in tests if each.role != "primary")
 
 
 def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE.family_name(PARTICIPANT)]
+    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT)]
     shown = table_of_tests("Tests", own, simulated=False)
     heads = re.findall("<th[^>]*>([^<]*)</th>", shown)
     cells = re.findall("<td[^>]*>([^<]*)</td>", shown)
@@ -71,47 +71,57 @@ def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None
     assert "p, corrected" not in table_of_tests("Tests", others, simulated=False)
 
 
-@pytest.mark.parametrize("unit", [TRIAL, PARTICIPANT])
+@pytest.mark.parametrize("unit", [TRIAL_UNIT, PARTICIPANT_UNIT])
 def test_with_a_plan_its_hypotheses_are_primary_each_participant_one_value(unit: str) -> None:
     found = {"L1": [1.0, 2.0, 3.0, 4.0], "L2": [1.0, -2.0, 3.0, 4.0]}
-    question = Question("policies", "tests", primary=True)
+    question = ResearchQuestion("policies", "tests", is_primary=True)
     families = [
-        corrected_family(False, question, each, [_paired(name, values) for name, values in found.items()])
-        for each in (TRIAL, PARTICIPANT)
+        holm_corrected_family(
+            False, question, each, [_paired(name, values) for name, values in found.items()]
+        )
+        for each in (TRIAL_UNIT, PARTICIPANT_UNIT)
     ]
-    tests = assign_roles(families, [], planned(f"policies, by {unit}")).families
+    tests = assign_result_roles(families, [], planned(f"policies, by {unit}")).families
     roles = {(row.unit, row.quantity): row.role for family in tests for row in family.rows}
     assert roles == {
-        (TRIAL, "L1"): "supplement",
-        (TRIAL, "L2"): "supplement",
-        (PARTICIPANT, "L1"): "primary",
-        (PARTICIPANT, "L2"): "secondary",
+        (TRIAL_UNIT, "L1"): "supplement",
+        (TRIAL_UNIT, "L2"): "supplement",
+        (PARTICIPANT_UNIT, "L1"): "primary",
+        (PARTICIPANT_UNIT, "L2"): "secondary",
     }
 
 
 def _paired(quantity: str, values: list[float]) -> Comparison:
     differences = {f"sub-{place:03}": value for place, value in enumerate(values)}
     return Comparison(
-        quantity, ("b", values), ("a", [0.0] * len(values)), signed_rank(values), len(values), differences
+        quantity,
+        ("b", values),
+        ("a", [0.0] * len(values)),
+        signed_rank_test(values),
+        len(values),
+        differences,
     )
 
 
 def test_unpaired_tests_of_a_plan_are_corrected_by_holm_beside_the_paired_ones() -> None:
-    paired, unpaired = Question("policies", "t", primary=True), Question("heights", "t", primary=True)
+    paired, unpaired = (
+        ResearchQuestion("policies", "t", is_primary=True),
+        ResearchQuestion("heights", "t", is_primary=True),
+    )
     values, taller = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], ([7.0, 8.0, 9.0, 9.5], [1.0, 2.0, 3.0, 4.0, 5.0])
-    height = Comparison("h", ("participants", taller[0]), ("others", taller[1]), rank_sum(*taller), 4)
+    height = Comparison("h", ("participants", taller[0]), ("others", taller[1]), rank_sum_test(*taller), 4)
     families = [
-        corrected_family(False, paired, PARTICIPANT, [_paired("L1", values)]),
-        corrected_family(False, unpaired, PARTICIPANT, [height]),
+        holm_corrected_family(False, paired, PARTICIPANT_UNIT, [_paired("L1", values)]),
+        holm_corrected_family(False, unpaired, PARTICIPANT_UNIT, [height]),
     ]
-    first, second = (family.rows[0] for family in assign_roles(families, [], None).families)
+    first, second = (family.rows[0] for family in assign_result_roles(families, [], None).families)
     assert (first.p, second.p) == (2 / 2**6, pytest.approx(2 / 126))
     assert (first.p_primary, second.p_primary) == (pytest.approx(4 / 2**6), pytest.approx(4 / 126))
     assert (first.stars, second.stars) == ("", "*")
 
 
 def test_objective_measures_are_primary_where_policies_are_compared() -> None:
-    own = [each for each in rows() if each.family == OBJECTIVE.family_name(PARTICIPANT)]
+    own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT)]
     assert [each.quantity for each in own] == ["success", "reward", "force_mean_n"]
     assert {each.role for each in own} == {"primary"}
 
@@ -125,7 +135,7 @@ def test_the_joint_correction_is_that_of_all_choices_of_signs(people: int, rng: 
     given = rng.integers(-3, 4, (5, people)).astype(float)
     given[2] = given[1]
     own = [{str(person): value for person, value in enumerate(test)} for test in given.tolist()]
-    plain = [signed_rank(test).p for test in given]
+    plain = [signed_rank_test(test).p for test in given]
     found = sign_flip_p_values(own)
     for p, least, most in zip(found, plain, holm_correction(plain), strict=True):
         assert (p is None) == (least is None)
@@ -160,7 +170,7 @@ def test_many_participants_are_corrected_by_drawn_signs_always_alike() -> None:
     assert first == second
     for p, test in zip(first, own, strict=True):
         assert p is not None
-        assert p >= 0.5 * (signed_rank(list(test.values())).p or 0.0)
+        assert p >= 0.5 * (signed_rank_test(list(test.values())).p or 0.0)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +214,7 @@ BY_TRIAL = [
 
 
 def test_the_papers_tests_by_trial_have_the_same_numbers() -> None:
-    found = [each for each in rows() if each.unit == TRIAL]
+    found = [each for each in rows() if each.unit == TRIAL_UNIT]
     assert [(each.quantity, each.group_a, each.n, each.zeros) for each in found] == [
         each[:4] for each in BY_TRIAL
     ]
@@ -231,29 +241,31 @@ def test_effect_sizes_have_an_interval_of_some_width_everywhere(
 ) -> None:
     """With every difference above zero, too: Fisher's z would be from 1 to 1."""
     for differences in (np.arange(1.0, people + 1), np.ones(people), rng.normal(0.3, 1.0, people)):
-        found = signed_rank(differences)
-        assert found.effect is not None
-        assert found.effect_low is not None
-        assert found.effect_high is not None
-        assert -1.0 <= found.effect_low <= found.effect <= found.effect_high <= 1.0
-        assert found.effect_high - found.effect_low > 0.1
-    apart = rank_sum(np.arange(people), np.arange(100) + 200.0)
-    assert apart.effect == -1.0
-    assert apart.effect_high is not None
-    assert -1.0 < apart.effect_high < 0.9
+        found = signed_rank_test(differences)
+        assert found.effect_size is not None
+        assert found.effect_size_low is not None
+        assert found.effect_size_high is not None
+        assert -1.0 <= found.effect_size_low <= found.effect_size <= found.effect_size_high <= 1.0
+        assert found.effect_size_high - found.effect_size_low > 0.1
+    apart = rank_sum_test(np.arange(people), np.arange(100) + 200.0)
+    assert apart.effect_size == -1.0
+    assert apart.effect_size_high is not None
+    assert -1.0 < apart.effect_size_high < 0.9
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.8, 1.5])
 def test_the_interval_of_an_effect_covers_it(shift: float, rng: np.random.Generator) -> None:
-    truth = signed_rank(rng.normal(shift, 1.0, 20_000)).effect
-    found = [signed_rank(rng.normal(shift, 1.0, 8)) for _ in range(600)]
-    covered = [(each.effect_low or -1.0) <= (truth or 0.0) <= (each.effect_high or 1.0) for each in found]
+    truth = signed_rank_test(rng.normal(shift, 1.0, 20_000)).effect_size
+    found = [signed_rank_test(rng.normal(shift, 1.0, 8)) for _ in range(600)]
+    covered = [
+        (each.effect_size_low or -1.0) <= (truth or 0.0) <= (each.effect_size_high or 1.0) for each in found
+    ]
     assert 0.91 <= np.mean(covered) <= 0.99
 
 
 def test_effects_by_trial_have_no_interval() -> None:
-    assert all(each.effect_low is None for each in rows() if each.unit == TRIAL)
-    assert all(each.effect_low is not None for each in rows() if each.unit != TRIAL and each.effect)
+    assert all(each.effect_low is None for each in rows() if each.unit == TRIAL_UNIT)
+    assert all(each.effect_low is not None for each in rows() if each.unit != TRIAL_UNIT and each.effect)
 
 
 # Singular models
@@ -268,11 +280,11 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
         for policy, side in zip(DESIGN.policies, (sign, -sign), strict=True):
             value = side + 0.3 * rng.normal()
             seen.append(TrialValue(f"sub-{person:03}", task, robot, policy, 0.5, 0.5, None, value))
-    found = estimate_effects(DESIGN, MIXED, seen, effects(DESIGN))
-    notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, Estimate)}
+    found = estimate_effects(DESIGN, MIXED_MODEL, seen, effects_of_interest(DESIGN))
+    notes = {effect.kind: each.note for effect, each in found.items() if isinstance(each, EffectEstimate)}
     assert notes["policies"].startswith("singular: random effect at zero: ")
     assert "participant by policy" in notes["policies"]
-    assert notes["policies"].endswith(UNRELIABLE_NOTE)
+    assert notes["policies"].endswith(UNRELIABLE_P_NOTE)
     differing = [
         replace(
             each,
@@ -280,7 +292,7 @@ def test_an_effect_without_a_variance_of_its_own_is_said_to_be_unreliable() -> N
         )
         for each in seen
     ]
-    found = estimate_effects(DESIGN, MIXED, differing, effects(DESIGN))
+    found = estimate_effects(DESIGN, MIXED_MODEL, differing, effects_of_interest(DESIGN))
     (policies,) = (each for effect, each in found.items() if effect.kind == "policies")
-    assert isinstance(policies, Estimate)
-    assert UNRELIABLE_NOTE not in policies.note
+    assert isinstance(policies, EffectEstimate)
+    assert UNRELIABLE_P_NOTE not in policies.note

@@ -17,17 +17,17 @@ from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
 from avrgym.analysis.figures import draw_figures
 from avrgym.analysis.flow import ParticipantFlow, flow_chart, flow_steps
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.page.comparisons import n_text
-from avrgym.analysis.page.drawing import Drawing
-from avrgym.analysis.publication.checklist import checklist
-from avrgym.analysis.publication.methods import main_flow, methods
+from avrgym.analysis.page.comparisons import sample_size_text
+from avrgym.analysis.page.drawing import ReportFigure
+from avrgym.analysis.publication.checklist import checklist_fields
+from avrgym.analysis.publication.methods import main_flow, methods_sections
 from avrgym.analysis.publication.tables import latex_table, publication_tables
-from avrgym.analysis.reading.rows import ProblemRow
+from avrgym.analysis.reading.rows import DataProblemRow
 from avrgym.analysis.report import write_report
-from avrgym.analysis.statistics.comparisons import PARTICIPANT
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion, withdraw
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import enrol_included, run_trials, write_without_figures
 from helpers.studies.small_studies import eligible_answers, small_study
@@ -44,12 +44,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         gone = enrol_included(opened, simulated=False)
         run_trials(opened, gone, 2)
         withdraw(opened, gone, "felt sick")
-        excluded = enrol(opened, "man", age_years=30)
+        excluded = enrol_participant(opened, "man", age_years=30)
         record_consent(opened, excluded)
         record_inclusion(
             opened, excluded, {name: not fits for name, fits in eligible_answers(opened).items()}
         )
-        enrol(opened, "man", age_years=None)
+        enrol_participant(opened, "man", age_years=None)
         deleted = enrol_included(opened, simulated=False)
         delete_participant(opened, deleted)
         run_trials(opened, enrol_included(opened, simulated=True))
@@ -57,12 +57,12 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 
 @pytest.fixture(scope="module")
-def analysis(store: Store) -> Analysis:
-    return analyse(store)
+def analysis(store: Store) -> StudyAnalysis:
+    return analyse_study(store)
 
 
 @pytest.fixture(scope="module")
-def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(store: Store, analysis: StudyAnalysis, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
     write_without_figures(analysis, store.folder, folder)
     return folder
@@ -71,38 +71,38 @@ def out(store: Store, analysis: Analysis, tmp_path_factory: pytest.TempPathFacto
 # The flow
 
 
-def words_of(drawing: Drawing) -> str:
-    return " ".join(" ".join(ET.fromstring(drawing.svg()).itertext()).split())
+def words_of(drawing: ReportFigure) -> str:
+    return " ".join(" ".join(ET.fromstring(drawing.to_svg()).itertext()).split())
 
 
-def test_everybody_is_somewhere_in_the_flow(analysis: Analysis) -> None:
+def test_everybody_is_somewhere_in_the_flow(analysis: StudyAnalysis) -> None:
     people, simulated = analysis.flows
     assert (people.simulated, simulated.simulated) == (False, True)
     for flow in analysis.flows:
         left = (
             flow.deleted
-            + flow.no_consent
+            + flow.without_consent
             + flow.excluded
             + flow.withdrew_before_allocation
             + flow.awaiting_allocation
         )
         assert flow.enrolled == left + flow.allocated
         assert flow.allocated == flow.withdrew + flow.unfinished + flow.completed
-        assert sum(flow.orders.values()) == flow.allocated
+        assert sum(flow.participants_by_order.values()) == flow.allocated
     seen = (
         people.enrolled,
         people.deleted,
-        people.no_consent,
+        people.without_consent,
         people.excluded,
         people.withdrew,
         people.analysed,
     )
     assert seen == (9, 1, 1, 1, 1, PEOPLE)
-    assert people.consents == {"1": PEOPLE + 2}
+    assert people.participants_by_consent_version == {"1": PEOPLE + 2}
     assert simulated.enrolled == simulated.completed == 1
 
 
-def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -> None:
+def test_the_chart_shows_each_step_and_who_left(analysis: StudyAnalysis, out: Path) -> None:
     for name in ("people", "simulated"):
         ET.fromstring((out / "reporting" / f"flow-{name}.svg").read_text())
     shown = words_of(flow_chart(analysis.flows[0]))
@@ -119,7 +119,7 @@ def test_the_chart_shows_each_step_and_who_left(analysis: Analysis, out: Path) -
 # Words
 
 
-def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, out: Path) -> None:
+def test_the_methods_say_what_is_known_and_what_is_missing(analysis: StudyAnalysis, out: Path) -> None:
     text = (out / "reporting" / "methods.md").read_text()
     enrolled, _, _, analysed = flow_steps(analysis.flows[0])
     assert f"9 participants enrolled (left: {', '.join(enrolled[1])})." in text
@@ -137,17 +137,17 @@ def test_the_methods_say_what_is_known_and_what_is_missing(analysis: Analysis, o
     assert page.count('class="missing">[MISSING:') == len(missing)
 
 
-def test_what_is_given_is_no_longer_missing(analysis: Analysis) -> None:
+def test_what_is_given_is_no_longer_missing(analysis: StudyAnalysis) -> None:
     given = msgspec.structs.replace(analysis.design.reporting, ethics_approval="Board 7, H19212")
     told = replace(analysis, design=msgspec.structs.replace(analysis.design, reporting=given))
     flow = main_flow(told)
     assert flow is not None
-    assert "Ethics approval: Board 7, H19212" in methods(told, flow)["Participants"]
-    (ethics,) = (each for each in checklist(told, flow) if each.field == "Ethics approval")
+    assert "Ethics approval: Board 7, H19212" in methods_sections(told, flow)["Participants"]
+    (ethics,) = (each for each in checklist_fields(told, flow) if each.field == "Ethics approval")
     assert ethics.value == "Board 7, H19212"
 
 
-def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out: Path) -> None:
+def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: StudyAnalysis, out: Path) -> None:
     with open(out / "reporting" / "checklist.csv", encoding="utf-8-sig", newline="") as file:
         rows = list(csv.DictReader(file))
     lacking = {row["field"] for row in rows if row["missing"] == "true"}
@@ -170,7 +170,7 @@ def test_the_list_of_fields_shows_in_red_what_is_missing(analysis: Analysis, out
 def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "dry")) as store:
         run_trials(store, enrol_included(store, simulated=True))
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
     text = (folder / "methods.md").read_text()
     assert text.index("SIMULATED PARTICIPANTS") < text.index("## Participants")
@@ -183,7 +183,7 @@ def test_a_dry_run_is_called_simulated_everywhere(tmp_path: Path) -> None:
 
 def test_a_study_with_nobody_in_it_has_a_codebook_and_says_so(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "empty")) as store:
-        write_analysis(analyse(store), store.folder, tmp_path / "out")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "out")
     folder = tmp_path / "out" / "reporting"
     assert {path.name for path in folder.iterdir()} == {"index.html", "codebook.csv", "schema.json"}
     assert "The study has no participants yet" in (folder / "index.html").read_text()
@@ -201,7 +201,7 @@ def test_latex_escapes_what_it_would_run() -> None:
     assert r"\begin{tabular}{lr}" in text
 
 
-def test_every_column_of_every_table_is_in_the_codebook(analysis: Analysis, out: Path) -> None:
+def test_every_column_of_every_table_is_in_the_codebook(analysis: StudyAnalysis, out: Path) -> None:
     book: Any = pd.read_csv(out / "reporting" / "codebook.csv", keep_default_na=False)
     assert (book["meaning"] != "").all()
     listed = {(row.table, row.column) for row in book.itertuples()}
@@ -245,10 +245,11 @@ def test_the_data_package_describes_the_files_beside_it(out: Path) -> None:
 
 def test_a_flow_without_anybody_leaving_tells_of_nobody() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before_allocation=0,
+        simulated=False, enrolled=2, deleted=0, without_consent=0, excluded=0, withdrew_before_allocation=0,
         awaiting_allocation=0, allocated=2,
-        withdrew=0, unfinished=0, completed=2, analysed=2, orders={1: 2}, consents={"1": 2},
-        first_day=None, last_day=None,
+        withdrew=0, unfinished=0, completed=2, analysed=2, participants_by_order={1: 2},
+        participants_by_consent_version={"1": 2},
+        first_session_day=None, last_session_day=None,
     )  # fmt: skip
     assert [left for _, left in flow_steps(flow)] == [[], [], [], []]
 
@@ -263,17 +264,17 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
         run_trials(store, enrol_included(store, "man", simulated=False))
         run_trials(store, enrol_included(store, "woman", simulated=False), 3)
         enrol_included(store, "woman", simulated=False)
-        young = enrol(store, "woman", age_years=17)
+        young = enrol_participant(store, "woman", age_years=17)
         record_consent(store, young)
         record_inclusion(store, young, eligible_answers(store) | {"adult": False})
-        withdraw(store, enrol(store, "man", age_years=70), "no time")
-        found = analyse(store)
+        withdraw(store, enrol_participant(store, "man", age_years=70), "no time")
+        found = analyse_study(store)
     (flow,) = found.flows
-    assert flow.exclusion_answers == {"Are you 18 years old or older? No": 1}
-    assert (flow.withdrawal_reasons_before_allocation, flow.withdrawal_reasons) == ({"no time": 1}, {})
+    assert flow.exclusions_by_answer == {"Are you 18 years old or older? No": 1}
+    assert (flow.early_withdrawals_by_reason, flow.withdrawals_by_reason) == ({"no time": 1}, {})
     assert (flow.completed, flow.analysed, flow.analysed_unfinished) == (1, 2, 1)
     assert flow_steps(flow)[-1] == ("In the analysis: 2, of them 1 not finished yet", [])
-    about = " ".join(methods(found, flow)["Participants"])
+    about = " ".join(methods_sections(found, flow)["Participants"])
     assert "Of the 2 participants in the analysis: Age: 22 to 22 years" in about
     assert "1 were represented by a woman's body model, 1 by a man's" in about
     tables = {table.name: table for table in publication_tables(found, simulated=False)}
@@ -285,10 +286,11 @@ def test_the_flow_names_why_people_left_and_who_is_analysed(tmp_path: Path) -> N
 
 def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None:
     flow = ParticipantFlow(
-        simulated=False, enrolled=2, deleted=0, no_consent=0, excluded=0, withdrew_before_allocation=0,
+        simulated=False, enrolled=2, deleted=0, without_consent=0, excluded=0, withdrew_before_allocation=0,
         awaiting_allocation=0, allocated=2,
-        withdrew=0, unfinished=0, completed=2, analysed=1, orders={1: 2}, consents={"1": 2},
-        first_day=None, last_day=None, completed_without_data=1,
+        withdrew=0, unfinished=0, completed=2, analysed=1, participants_by_order={1: 2},
+        participants_by_consent_version={"1": 2},
+        first_session_day=None, last_session_day=None, completed_without_data=1,
     )  # fmt: skip
     assert flow_steps(flow)[2] == ("Completed the study: 2", ["1 without an analysed trial or answer"])
 
@@ -296,36 +298,36 @@ def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None
 # What a reader could misread
 
 
-def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analysis: Analysis) -> None:
+def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analysis: StudyAnalysis) -> None:
     flow = main_flow(analysis)
     assert flow is not None
-    (asked,) = (each for each in checklist(analysis, flow) if each.field == "Inclusion criteria")
+    (asked,) = (each for each in checklist_fields(analysis, flow) if each.field == "Inclusion criteria")
     assert "with glasses if you need them? Yes." in asked.value
     assert "Have you ever had epilepsy? No." in asked.value
 
 
-def test_the_numbers_of_values_are_those_of_each_group(analysis: Analysis) -> None:
-    rows = [row for row in analysis.tests if not row.simulated and row.unit == PARTICIPANT]
+def test_the_numbers_of_values_are_those_of_each_group(analysis: StudyAnalysis) -> None:
+    rows = [row for row in analysis.tests if not row.simulated and row.unit == PARTICIPANT_UNIT]
     unpaired = [row for row in rows if row.test == "Mann-Whitney"]
     assert unpaired
-    assert {n_text(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
+    assert {sample_size_text(row) for row in unpaired} == {f"{PEOPLE} / {PEOPLE_PER_TASK}"}
     of_equal_size = replace(unpaired[0], n_a=20, n_b=20, n=40)
-    assert n_text(of_equal_size) == "20 / 20"
+    assert sample_size_text(of_equal_size) == "20 / 20"
     for row in rows:
         if row.test != "Mann-Whitney" and row.n_a == row.n_b:
             zeros = f" + {row.zeros} zero" if row.zeros else ""
-            assert n_text(row) == f"{row.n}{zeros}"
+            assert sample_size_text(row) == f"{row.n}{zeros}"
 
 
 def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
-    analysis: Analysis, tmp_path: Path
+    analysis: StudyAnalysis, tmp_path: Path
 ) -> None:
     problems = [
-        ProblemRow(simulated=False, where=f"trial-{number}.mcap", what="is old", consequence="it is used")
+        DataProblemRow(simulated=False, where=f"trial-{number}.mcap", what="is old", consequence="it is used")
         for number in range(30)
     ]
-    alone = ProblemRow(simulated=False, where="one.mcap", what="is missing", consequence="no body")
-    seen = replace(analysis.observed, problems=[*problems, alone])
+    alone = DataProblemRow(simulated=False, where="one.mcap", what="is missing", consequence="no body")
+    seen = replace(analysis.study_data, problems=[*problems, alone])
     write_report(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
     text = (tmp_path / "page.html").read_text()
     assert text.count("is old") == 1
@@ -336,9 +338,11 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
 
 
 @pytest.mark.slow
-def test_simulation_of_another_length_is_named_before_the_figures(analysis: Analysis, tmp_path: Path) -> None:
+def test_simulation_of_another_length_is_named_before_the_figures(
+    analysis: StudyAnalysis, tmp_path: Path
+) -> None:
     note = "episodes have 200 steps, these trials 60"
-    objective = [replace(row, simulation_note=note) for row in analysis.objective]
+    objective = [replace(row, simulation_note=note) for row in analysis.objective_outcomes]
     told = replace(analysis, objective=objective)
     write_report(tmp_path / "page.html", told, draw_figures(told), "..")
     page = (tmp_path / "page.html").read_text()
@@ -355,12 +359,12 @@ def test_simulation_of_another_length_is_named_before_the_figures(analysis: Anal
     ],
 )
 def test_the_methods_name_the_furniture_and_withdrawals_of_the_tasks(
-    analysis: Analysis, tasks: tuple[str, ...], said: str, not_said: str
+    analysis: StudyAnalysis, tasks: tuple[str, ...], said: str, not_said: str
 ) -> None:
     design = msgspec.structs.replace(analysis.design, tasks=tasks)
     told, flow = replace(analysis, design=design, session_designs=[]), main_flow(analysis)
     assert flow is not None
-    words = " ".join(methods(told, flow)["Apparatus"])
+    words = " ".join(methods_sections(told, flow)["Apparatus"])
     assert said in words
     assert not_said not in words
     assert ("After success in feeding the robot withdrew" in words) == ("Feeding" in tasks)

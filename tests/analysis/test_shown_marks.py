@@ -10,24 +10,24 @@ import pytest
 from matplotlib.figure import Figure
 
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.models.effects import TrialValue, design_matrix, effects
-from avrgym.analysis.models.estimate import Estimate
-from avrgym.analysis.models.fitting import MIXED, estimate_effects
-from avrgym.analysis.models.mixed import fit_mixed
+from avrgym.analysis.models.effects import TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.models.estimate import EffectEstimate
+from avrgym.analysis.models.fitting import MIXED_MODEL, estimate_effects
+from avrgym.analysis.models.mixed import fit_mixed_model
 from avrgym.analysis.models.models import ModelRow
-from avrgym.analysis.models.section import table_of_effects
+from avrgym.analysis.models.section import effects_table
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.page.drawing import add_legend
 from avrgym.analysis.publication.tables import publication_tables
-from avrgym.analysis.study import Analysis, analyse
-from avrgym.study.design.design import default_text, parse_design
+from avrgym.analysis.study import StudyAnalysis, analyse_study
+from avrgym.study.design.design import default_design_text, parse_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import enrol_included, read_table, run_trials
 from helpers.studies.small_studies import make_study
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 REMARK = "singular: random effect at zero: "
 
 
@@ -54,16 +54,16 @@ def test_a_legend_names_each_mark_that_is_drawn_anywhere_once() -> None:
 
 
 @pytest.fixture(scope="module")
-def analysis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Analysis, Path]]:
+def analysis(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[StudyAnalysis, Path]]:
     """Men alone, who met two policies that nobody measured in simulation and one that training measured."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         policies = '["oracle", "random", "revised"]'
         folder = make_study(tmp_path_factory.mktemp("study"), tasks='["Feeding"]', policies=policies)
         with Store(folder) as store:
             for _ in range(4):
                 run_trials(store, enrol_included(store, "man"))
-            found = analyse(store)
+            found = analyse_study(store)
         out = tmp_path_factory.mktemp("out") / "analysis"
         write_analysis(found, folder, out)
         yield found, out
@@ -74,8 +74,8 @@ def texts(svg: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_figures_of_men_name_no_woman(analysis: tuple[Analysis, Path]) -> None:
-    drawings = {each.name: texts(each.svg().decode()) for each in draw_figures(analysis[0])}
+def test_figures_of_men_name_no_woman(analysis: tuple[StudyAnalysis, Path]) -> None:
+    drawings = {each.name: texts(each.to_svg().decode()) for each in draw_figures(analysis[0])}
     heights = next(shown for name, shown in drawings.items() if name.startswith("torso-heights"))
     assert "a man" in heights
     assert "a woman" not in heights
@@ -84,7 +84,7 @@ def test_figures_of_men_name_no_woman(analysis: tuple[Analysis, Path]) -> None:
 
 @pytest.mark.slow
 def test_what_was_not_measured_in_simulation_has_no_column_and_no_mark(
-    analysis: tuple[Analysis, Path],
+    analysis: tuple[StudyAnalysis, Path],
 ) -> None:
     _, out = analysis
     for policy, is_measured in (("oracle", False), ("random", False), ("revised", True)):
@@ -121,8 +121,8 @@ def values(of_policy: float, of_participant: float, noise: float) -> list[TrialV
 
 
 def notes(seen: list[TrialValue]) -> set[str]:
-    found = estimate_effects(DESIGN, MIXED, seen, effects(DESIGN))
-    return {each.note for each in found.values() if isinstance(each, Estimate)}
+    found = estimate_effects(DESIGN, MIXED_MODEL, seen, effects_of_interest(DESIGN))
+    return {each.note for each in found.values() if isinstance(each, EffectEstimate)}
 
 
 def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
@@ -133,8 +133,10 @@ def test_a_random_effect_at_zero_is_named_with_every_estimate() -> None:
     assert named <= {"participant", "participant by policy", "participant by robot", "participant by task"}
     groups = [[each.participant for each in seen]]
     design = np.hstack([np.ones((len(seen), 1)), design_matrix(DESIGN, seen).matrix])
-    fitted = fit_mixed([each.value for each in seen], design, groups[0], groups)
-    assert fitted.zero_variances == [place for place in (0,) if fitted.variances[place] <= 0.0]
+    fitted = fit_mixed_model([each.value for each in seen], design, groups[0], groups)
+    assert fitted.zero_variance_indices == [
+        place for place in (0,) if fitted.variance_components[place] <= 0.0
+    ]
 
 
 @pytest.mark.parametrize(
@@ -149,22 +151,22 @@ def test_a_random_effect_that_is_there_is_not_said_to_be_at_zero(
 
 
 SINGULAR = ModelRow(
-    simulated=True, family="f", quantity="reward", model=MIXED, effect="policies", group_a="a", group_b="b",
+    simulated=True, family="f", quantity="reward", model=MIXED_MODEL, effect="policies", group_a="a", group_b="b",
     participants=8, values=64, estimate=1.0, error=1.0, df=7.0, low=-1.0, high=3.0, p=0.5, p_holm=0.5,
     plan_status="exploratory", note=f"{REMARK}participant by robot",
 )  # fmt: skip
 
 
 def test_the_report_shows_the_remark_beside_its_result() -> None:
-    assert SINGULAR.note in str(table_of_effects("Models", [SINGULAR], simulated=True))
+    assert SINGULAR.note in str(effects_table("Models", [SINGULAR], simulated=True))
 
 
 @pytest.mark.slow
-def test_tables_for_publications_have_the_remark(analysis: tuple[Analysis, Path]) -> None:
+def test_tables_for_publications_have_the_remark(analysis: tuple[StudyAnalysis, Path]) -> None:
     models = next(
         each
         for each in publication_tables(replace(analysis[0], models=[SINGULAR]), True)
         if each.name == "models"
     )
-    assert models.heads[-1] == "Remark"
+    assert models.column_headings[-1] == "Remark"
     assert [row[-1] for row in models.rows] == [SINGULAR.note]

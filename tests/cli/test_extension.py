@@ -7,7 +7,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from avrgym.tasks.constants import ROBOTS, TASKS
+from avrgym.tasks.constants import PACKAGED_ROBOTS, PACKAGED_TASKS
 from helpers.browser.glb import GlbFile
 from helpers.system.example_package import avrgym, environment_variables, install, python, train_and_study
 from helpers.system.paths import ROOT
@@ -61,9 +61,11 @@ def test_files_are_short() -> None:
 def test_environments_are_listed_and_broken_ones_are_skipped(installed: Path) -> None:
     said = " ".join(avrgym(installed, "envs", "--json", "envs.json").split())
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
-    for made in [f"{task}{robot}" for task in TASKS for robot in ("Jaco", "PR2", "Fetch")]:
+    for made in [f"{task}{robot}" for task in PACKAGED_TASKS for robot in ("Jaco", "PR2", "Fetch")]:
         assert f"avrgym/{made}-v1" in listed
-    assert {env for env in listed if TASK in env} == {f"avrgym/{TASK}{r}-v1" for r in (*ROBOTS, "Fetch")}
+    assert {env for env in listed if TASK in env} == {
+        f"avrgym/{TASK}{r}-v1" for r in (*PACKAGED_ROBOTS, "Fetch")
+    }
     broken = r"skipped unfinished = unfinished:MISSING \(unfinished 1.0\): ModuleNotFoundError"
     assert len(re.findall(broken, said)) >= 2, said
 

@@ -71,7 +71,10 @@ def test_one_line_lists_the_environments_without_a_policy() -> None:
     lacking = ["avrgym/FeedingPanda-v1", "avrgym/FeedingUR5-v1"]
     lines: list[str] = []
     found = _environments_with(
-        [OWN, *lacking], "adaptive", policies.find, lambda what, error: lines.append(f"{what}: {error}")
+        [OWN, *lacking],
+        "adaptive",
+        policies.resolve_policy,
+        lambda what, error: lines.append(f"{what}: {error}"),
     )
     assert found == {OWN}
     (line,) = lines
@@ -131,8 +134,8 @@ def test_bench_skips_environments_that_fail(
 ) -> None:
     extend(fail)
     module, name = {
-        "sim": (simulation_benchmark, "measure_simulation"),
-        "vr": (vr_benchmark, "measure_vr"),
+        "sim": (simulation_benchmark, "measure_simulation_speed"),
+        "vr": (vr_benchmark, "measure_live_latency"),
     }[what]
     monkeypatch.setattr(
         f"avrgym.cli.bench._{'stages' if what == 'vr' else 'brief'}", lambda _: [{"stage": 1}]

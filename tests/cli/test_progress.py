@@ -9,7 +9,7 @@ from collections.abc import Iterable
 import pytest
 
 from avrgym.cli import progress
-from avrgym.cli.progress import Rate, duration, progress_bar
+from avrgym.cli.progress import WorkRate, duration_text, progress_bar
 from avrgym.cli.terminal import print_table
 from helpers.system.processes import kill_with_parent
 
@@ -87,13 +87,13 @@ def test_a_task_of_unknown_length_shows_the_completed_steps(monkeypatch: pytest.
         here.setattr(sys, "stdout", out)
         with progress_bar("reading", unit="files", clock=lambda: now_s[0]) as bar:
             now_s[0] = 20.0
-            bar.show(3)
+            bar.update(3)
             now_s[0] = 40.0
-            bar.show(6, 12, "reading again")
+            bar.update(6, 12, "reading again")
             now_s[0] = 60.0
-            bar.show(7)
+            bar.update(7)
             now_s[0] = 80.0
-            bar.show(8)
+            bar.update(8)
     assert out.getvalue().splitlines() == [
         "reading: 3 files",
         "reading again: 6 of 12 files (50 %), 0.15 a second, 40 s left",
@@ -104,16 +104,16 @@ def test_a_task_of_unknown_length_shows_the_completed_steps(monkeypatch: pytest.
 
 
 def test_completed_steps_before_a_resume_do_not_count_for_the_rate() -> None:
-    rate = Rate()
+    rate = WorkRate()
     for now_s, done in ((5.0, 1000.0), (10.0, 1010.0), (10.5, 1011.0), (15.0, 1020.0)):
-        rate.add(now_s, done)
+        rate.add_sample(now_s, done)
     assert rate.per_s == pytest.approx(2.0)
 
 
 def test_the_rate_covers_the_latest_minutes() -> None:
-    rate = Rate()
+    rate = WorkRate()
     for second in range(0, 4000, 2):
-        rate.add(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
+        rate.add_sample(float(second), min(second, 2000) * 10.0 + max(second - 2000, 0) * 1.0)
     assert rate.per_s == pytest.approx(1.0)
 
 
@@ -151,4 +151,4 @@ def test_an_error_is_not_an_interruption(monkeypatch: pytest.MonkeyPatch) -> Non
      (9000, "2 h 30 min")],
 )  # fmt: skip
 def test_duration_texts(seconds: float, words: str) -> None:
-    assert duration(seconds) == words
+    assert duration_text(seconds) == words

@@ -16,7 +16,7 @@ from avrgym.learning.configuration import (
     RecurrentConfiguration,
     read_configuration,
 )
-from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT
+from avrgym.learning.hyperparameters import PAPER_STEPS, RECURRENT_HYPERPARAMETERS
 from avrgym.policies.trained import Policy
 from helpers.learning.small_training import shorten_training
 from helpers.vr.visit import ENVIRONMENT
@@ -110,7 +110,11 @@ def test_the_adaptive_recipe_trains_a_recurrent_policy(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
-    monkeypatch.setattr(recurrent_recipe, "RECURRENT", replace(RECURRENT, final_round_gradient_steps=1))
+    monkeypatch.setattr(
+        recurrent_recipe,
+        "RECURRENT_HYPERPARAMETERS",
+        replace(RECURRENT_HYPERPARAMETERS, final_round_gradient_steps=1),
+    )
     result = train("--recipe", "adaptive", "--steps", "200", "--num-envs", "1")
     assert result.exit_code == 0, result.stderr
     out = tmp_path / "runs" / "FeedingJaco-v1-adaptive-0"
@@ -125,4 +129,4 @@ def test_imitation_share_sets_the_number_of_updates(more: list[str], monkeypatch
     options = ("--recipe", "adaptive", "--imitation-share", "1", "--steps", "1200", "--num-envs", "2")
     configuration = given_configuration(monkeypatch, *options, *more)
     assert isinstance(configuration, RecurrentConfiguration)
-    assert configuration.imitation_updates == configuration.updates == 3
+    assert configuration.imitation_updates == configuration.total_updates == 3

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from avrgym.array_types import FloatArray
-from avrgym.commands.head_motion import PAUSE_S, GazeTimer, HeadGestures
-from avrgym.commands.preferences import Thresholds
+from avrgym.commands.head_motion import MIN_GESTURE_PAUSE_S, GazeTimer, HeadGestureDetector
+from avrgym.commands.preferences import GestureThresholds
 from avrgym.geometry import transforms
 
 RATE_HZ = 50.0
@@ -14,12 +14,14 @@ POSTURES = ([0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.3, 2.5, 0.2])
 """Orientations of a head at rest as rotation vectors, radians: seated, reclined, turned."""
 
 
-def gestures(angles_rad: FloatArray, rest: list[float], thresholds: Thresholds) -> list[tuple[float, str]]:
+def gestures(
+    angles_rad: FloatArray, rest: list[float], thresholds: GestureThresholds
+) -> list[tuple[float, str]]:
     """Gestures in a head motion (T, 3) about the axes of the head, with their times."""
     q = transforms.multiply(
         transforms.from_rotation_vector(np.array(rest)), transforms.from_rotation_vector(angles_rad)
     )
-    detector = HeadGestures(thresholds)
+    detector = HeadGestureDetector(thresholds)
     return [
         (float(time_s), name)
         for time_s, row in zip(TIMES_S, q, strict=True)
@@ -39,7 +41,7 @@ def cycles(axis: int, deg: float, hz: float, seconds: float) -> FloatArray:
 @pytest.mark.parametrize("rest", POSTURES)
 @pytest.mark.parametrize(("axis", "name"), [(0, "nod"), (1, "shake")])
 def test_gestures_are_found_once_in_every_posture(axis: int, name: str, rest: list[float]) -> None:
-    ((time_s, found),) = gestures(cycles(axis, 12.0, 1.8, 2 / 1.8), rest, Thresholds())
+    ((time_s, found),) = gestures(cycles(axis, 12.0, 1.8, 2 / 1.8), rest, GestureThresholds())
     assert found == name
     assert 3.0 < time_s < 3.0 + 2 / 1.8 + 0.1
 
@@ -58,24 +60,26 @@ def test_gestures_are_found_once_in_every_posture(axis: int, name: str, rest: li
     ids=["too small", "one cycle", "tilting", "tremor", "slow", "about two axes", "turn"],
 )
 def test_other_motion_gives_no_gesture(angles: FloatArray) -> None:
-    assert gestures(angles, [0.0, 0.0, 0.0], Thresholds()) == []
+    assert gestures(angles, [0.0, 0.0, 0.0], GestureThresholds()) == []
 
 
 def test_thresholds_fit_people_who_move_little() -> None:
     small = cycles(0, 4.0, 1.8, 2 / 1.8)
-    assert [name for _, name in gestures(small, [0.0, 0.0, 0.0], Thresholds(swing_deg=3.0))] == ["nod"]
+    assert [name for _, name in gestures(small, [0.0, 0.0, 0.0], GestureThresholds(swing_deg=3.0))] == ["nod"]
 
 
 def test_a_long_nod_counts_again_only_after_a_pause() -> None:
-    times_s = [time_s for time_s, _ in gestures(cycles(0, 12.0, 1.8, 3.0), [0.0, 0.0, 0.0], Thresholds())]
-    assert (np.diff(times_s) >= PAUSE_S - 1e-6).all()
+    times_s = [
+        time_s for time_s, _ in gestures(cycles(0, 12.0, 1.8, 3.0), [0.0, 0.0, 0.0], GestureThresholds())
+    ]
+    assert (np.diff(times_s) >= MIN_GESTURE_PAUSE_S - 1e-6).all()
 
 
 def test_looking_must_last() -> None:
-    timer = GazeTimer(Thresholds(gaze_s=1.0), heads=2)
+    timer = GazeTimer(GestureThresholds(gaze_s=1.0), heads=2)
     looks = []
     for step in range(12):
         timer.update(np.radians([5.0, 5.0 if step % 6 else 40.0]), 0.1)
-        looks.append(timer.completed_looks())
+        looks.append(timer.detect_gaze())
     assert np.sum(looks, axis=0).tolist() == [1, 0]
-    assert timer.away_s.tolist() == [0.0, 0.0]
+    assert timer.facing_away_s.tolist() == [0.0, 0.0]

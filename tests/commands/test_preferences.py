@@ -5,11 +5,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences, describe_preferences
-from avrgym.commands.vocabulary import COMMAND_NAMES, COMMANDS, SOURCES, commands_of
-from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.commands.preferences import ConditionRules, Preferences, apply_preferences, describe_preferences
+from avrgym.commands.vocabulary import COMMAND_NAMES, COMMAND_SOURCES, ROBOT_COMMANDS, commands_of_source
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
 
-ALL = {"policy": "revised", "commands": COMMAND_NAMES, "sources": SOURCES}
+ALL = {"policy": "revised", "commands": COMMAND_NAMES, "sources": COMMAND_SOURCES}
 PACED = """
 [conditions.paced]
 policy = "revised"
@@ -34,7 +34,7 @@ sources = ["key", "nod"]
 )
 def test_contradictions_are_refused(changes: dict, own: Preferences | None, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        apply_preferences(CommandRules(**(ALL | changes), preferences=True), own)
+        apply_preferences(ConditionRules(**(ALL | changes), preferences=True), own)
 
 
 @pytest.mark.parametrize(
@@ -50,14 +50,14 @@ def test_impossible_preferences_are_refused(field: str, value: object) -> None:
 def test_preferences_apply_only_where_the_condition_says_so() -> None:
     own = Preferences(speed=0.5, sources=("key",))
     for preferences, speed in ((True, 0.5), (False, 1.0)):
-        applied = apply_preferences(CommandRules(**ALL, preferences=preferences), own)
+        applied = apply_preferences(ConditionRules(**ALL, preferences=preferences), own)
         assert applied.preferences.speed == speed
-    assert not CommandRules(policy="revised").uses_pacing_layer
+    assert not ConditionRules(policy="revised").uses_pacing_layer
 
 
 def test_rules_name_the_reason_of_a_refusal() -> None:
     applied = apply_preferences(
-        CommandRules(policy="revised", commands=("ready", "stop"), sources=("key", "nod")), None
+        ConditionRules(policy="revised", commands=("ready", "stop"), sources=("key", "nod")), None
     )
     assert applied.rejection_reason("ready", "key") == applied.rejection_reason("ready", "nod") == ""
     assert "not a source" in applied.rejection_reason("ready", "switch")
@@ -66,12 +66,12 @@ def test_rules_name_the_reason_of_a_refusal() -> None:
 
 
 def test_every_command_has_texts_and_every_source_commands() -> None:
-    assert tuple(COMMANDS) == COMMAND_NAMES
-    for command in COMMANDS.values():
+    assert tuple(ROBOT_COMMANDS) == COMMAND_NAMES
+    for command in ROBOT_COMMANDS.values():
         assert command.meaning
         assert command.label("de-AT") == command.labels["de"]
         assert command.label("fr") == command.labels["en"]
-    assert all(commands_of(source) for source in SOURCES)
+    assert all(commands_of_source(source) for source in COMMAND_SOURCES)
 
 
 def test_preferences_are_shown_in_words() -> None:
@@ -85,11 +85,13 @@ def test_preferences_are_shown_in_words() -> None:
 
 
 def test_a_design_names_conditions_with_their_policy() -> None:
-    text = default_text().replace('policies = ["original", "revised"]', 'policies = ["revised", "paced"]')
+    text = default_design_text().replace(
+        'policies = ["original", "revised"]', 'policies = ["revised", "paced"]'
+    )
     design = parse_design(text + PACED)
-    assert design.policy_of("paced") == "revised"
-    assert design.protocol()["conditions"]["paced"]["sources"] == ["key", "nod"]
-    assert "conditions" not in parse_design(default_text()).protocol()
+    assert design.policy_of_condition("paced") == "revised"
+    assert design.fixed_field_values()["conditions"]["paced"]["sources"] == ["key", "nod"]
+    assert "conditions" not in parse_design(default_design_text()).fixed_field_values()
 
 
 @pytest.mark.parametrize(
@@ -104,6 +106,8 @@ def test_a_design_names_conditions_with_their_policy() -> None:
     ],
 )
 def test_wrong_conditions_name_their_line(old: str, new: str, message: str, tmp_path: Path) -> None:
-    text = default_text().replace('policies = ["original", "revised"]', 'policies = ["revised", "paced"]')
+    text = default_design_text().replace(
+        'policies = ["original", "revised"]', 'policies = ["revised", "paced"]'
+    )
     with pytest.raises(DesignError, match=rf"study.toml:\d+: .*{message}"):
         parse_design(text + PACED.replace(old, new), folder=tmp_path)

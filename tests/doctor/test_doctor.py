@@ -8,9 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.doctor.checks import CHECKS, run_checks
-from avrgym.doctor.finding import Check, ok
-from avrgym.system.mujoco_setup import RENDERING_HINT, SCREEN_VARIABLES
+from avrgym.doctor.checks import COMPUTER_CHECKS, run_checks
+from avrgym.doctor.finding import Check, ok_finding
+from avrgym.system.mujoco_setup import DISPLAY_VARIABLES, RENDERING_HINT
 
 
 @pytest.fixture(autouse=True)
@@ -22,7 +22,7 @@ def test_a_working_computer_has_no_errors_and_no_leftover_files(tmp_path: Path) 
     told = CliRunner().invoke(app, ["doctor", "--json", "found.json"])
     assert told.exit_code == 0, told.output
     rows = json.loads(Path("found.json").read_text())
-    assert [row["check"] for row in rows] == [check.name for check in CHECKS]
+    assert [row["check"] for row in rows] == [check.name for check in COMPUTER_CHECKS]
     assert [row["check"] for row in rows if bool(row["fix"]) is (row["state"] == "ok")] == []
     for row in rows:
         assert row["message"] in told.stdout
@@ -32,7 +32,7 @@ def test_a_working_computer_has_no_errors_and_no_leftover_files(tmp_path: Path) 
 
 
 def test_an_error_sets_exit_code_1_and_prints_the_fix(monkeypatch: pytest.MonkeyPatch) -> None:
-    for screen in SCREEN_VARIABLES:
+    for screen in DISPLAY_VARIABLES:
         monkeypatch.delenv(screen, raising=False)
     monkeypatch.setenv("MUJOCO_GL", "glfw")
     told = CliRunner().invoke(app, ["doctor"])
@@ -46,6 +46,6 @@ def test_an_exception_in_a_check_is_an_error_result() -> None:
     def fail():
         raise OSError("broken installation")
 
-    found = dict(run_checks((Check("broken", fail), Check("sound", lambda: ok("well")))))
+    found = dict(run_checks((Check("broken", fail), Check("sound", lambda: ok_finding("well")))))
     assert (found["broken"].state, found["sound"].state) == ("error", "ok")
     assert "broken installation" in found["broken"].message

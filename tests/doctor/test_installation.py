@@ -50,7 +50,7 @@ def test_a_missing_extra_is_ok_and_a_conflicting_version_a_warning() -> None:
 
 def test_a_missing_client_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(web_server, "STATIC_FOLDER", tmp_path)
-    for page in web_server.PAGES:
-        assert installation.check_client().state == "error"
+    for page in web_server.CLIENT_PAGES:
+        assert installation.check_browser_client().state == "error"
         (tmp_path / page).touch()
-    assert installation.check_client().state == "ok"
+    assert installation.check_browser_client().state == "ok"

@@ -35,7 +35,7 @@ def one_processor() -> Iterator[None]:
 
 
 def test_one_processor_is_a_warning(one_processor: None) -> None:
-    assert machine.check_processors().state == "warning"
+    assert machine.check_processor_count().state == "warning"
 
 
 def test_one_processor_needs_no_priority(one_processor: None) -> None:
@@ -43,7 +43,7 @@ def test_one_processor_needs_no_priority(one_processor: None) -> None:
 
 
 def test_two_processors_are_enough() -> None:
-    assert (machine.check_processors().state == "ok") is (len(os.sched_getaffinity(0)) > 1)
+    assert (machine.check_processor_count().state == "ok") is (len(os.sched_getaffinity(0)) > 1)
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) == 1, reason="on one processor nobody goes first")
@@ -65,11 +65,11 @@ def test_a_user_without_a_name_is_identified_by_id(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(("late_s", "state"), [(0.0001, "ok"), (0.0056, "warning")])
 def test_a_coarse_timer_is_a_warning(late_s: float, state: str) -> None:
-    assert machine.check_timer(late_s).state == state
+    assert machine.check_sleep_precision(late_s).state == state
 
 
 def test_sleeps_are_measured() -> None:
-    assert 0.0 <= machine.oversleep_s() < 10.0
+    assert 0.0 <= machine.measure_oversleep_s() < 10.0
 
 
 def test_idle_states_of_virtual_machines_are_a_warning_without_permission(
@@ -100,10 +100,10 @@ def test_few_file_handles_are_a_warning() -> None:
 
 def test_a_full_path_with_spaces_is_written_to_and_left_as_it_was(tmp_path: Path) -> None:
     folder = tmp_path / "a study's (own) folder"
-    assert machine.check_writable(folder).message == f"{folder} can be created"
+    assert machine.check_folder_writable(folder).message == f"{folder} can be created"
     assert list(tmp_path.iterdir()) == []
     folder.mkdir()
-    assert machine.check_writable(folder).message == str(folder)
+    assert machine.check_folder_writable(folder).message == str(folder)
     assert list(folder.iterdir()) == []
 
 
@@ -112,16 +112,16 @@ def test_a_folder_of_another_user_is_an_error(ordinary_user: None) -> None:
         folder = Path(name)
         folder.chmod(0o555)
         for each in (folder, folder / "within"):
-            found = machine.check_writable(each)
+            found = machine.check_folder_writable(each)
             assert (found.state, "Permission denied" in found.message) == ("error", True)
         folder.chmod(0o755)
 
 
 def test_a_full_disk_is_an_error(tmp_path: Path, small_files: Callable[[int], None]) -> None:
     small_files(1)
-    assert machine.check_writable(tmp_path).state == "error"
+    assert machine.check_folder_writable(tmp_path).state == "error"
     small_files(0)
-    assert machine.check_writable(tmp_path).state == "ok"
+    assert machine.check_folder_writable(tmp_path).state == "ok"
     assert list(tmp_path.iterdir()) == []
 
 

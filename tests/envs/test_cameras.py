@@ -12,12 +12,12 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.envs.benchmark import CAMERA_SIZES_PX, measure_cameras
+from avrgym.envs.benchmark import CAMERA_SIZES_PX, measure_camera_speed
 from avrgym.envs.single import AssistiveEnv
 from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.models.cameras import (
     IMAGE_KINDS,
-    MAX_DEPTH_M,
+    MAX_IMAGE_DEPTH_M,
     SCENE_CAMERA,
     SEGMENTATION_LABELS,
     WRIST_CAMERA,
@@ -124,15 +124,15 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
     images = episodes.images([camera])
     for world in range(2):
         depth, labels = images["wrist_depth"][world], images["wrist_segmentation"][world]
-        model = episodes._images._models[episodes.person_in(world).sex]  # pyright: ignore
-        model.show(episodes, world, episodes.person_in(world))
+        model = episodes._images._models[episodes.person_of_world(world).sex]  # pyright: ignore
+        model.show(episodes, world, episodes.person_of_world(world))
         data, number = model._data, model.model.camera(WRIST_CAMERA).id
         food_w = episodes.state().particle_pos_w[world]
         ahead_m = (data.cam_xpos[number] - food_w) @ data.cam_xmat[number].reshape(3, 3)[:, 2]
         food = depth[labels == SEGMENTATION_LABELS.index("particles")]
         assert_allclose(food.min(), ahead_m.min() - 0.005, atol=0.002)
         assert ((food > ahead_m.min() - 0.006) & (food < ahead_m.max() + 0.005)).all()
-        assert depth.max() == np.float32(MAX_DEPTH_M)
+        assert depth.max() == np.float32(MAX_IMAGE_DEPTH_M)
         assert (labels[depth < 1.0] > 0).all()
         assert {"person", "robot", "tool", "furniture"} <= {
             SEGMENTATION_LABELS[each] for each in np.unique(labels)
@@ -144,7 +144,7 @@ def test_depth_and_segmentation_are_those_of_the_simulated_bodies():
 def test_an_image_depends_neither_on_other_worlds_nor_on_hidden_geoms(monkeypatch: pytest.MonkeyPatch):
     episodes = Episodes(FEEDING, 4, people="revised", num_threads=1)
     episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
-    assert len({episodes.person_in(world).sex for world in range(4)}) == 2
+    assert len({episodes.person_of_world(world).sex for world in range(4)}) == 2
     images = CameraImages(episodes, EVERY_KIND).images()
     monkeypatch.setattr(_SexModel, "_outside", lambda self, camera, number: np.zeros(self.model.ngeom, bool))
     for world in range(4):
@@ -213,7 +213,7 @@ def test_states_alone_load_no_renderer():
 @pytest.mark.slow
 @needs_graphics
 def test_the_benchmark_has_a_row_for_each_kind_and_size():
-    rows = measure_cameras(FEEDING, frames=1)
+    rows = measure_camera_speed(FEEDING, frames=1)
     assert {(row.kind, row.size_px) for row in rows} == {
         (kind, f"{width} x {height}") for kind in IMAGE_KINDS for width, height in CAMERA_SIZES_PX
     }

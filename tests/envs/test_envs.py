@@ -168,8 +168,8 @@ def test_a_person_can_be_fixed():
     env = AssistiveEnv(FEEDING, person=person)
     for seed in range(3):
         env.reset(seed=seed)
-        assert env.episodes.person_in(0).torso_height_m == 0.5
-        assert env.episodes.person_in(0).sex == "woman"
+        assert env.episodes.person_of_world(0).torso_height_m == 0.5
+        assert env.episodes.person_of_world(0).sex == "woman"
 
 
 # Determinism
@@ -311,7 +311,7 @@ def pixels_by_body(env: AssistiveEnv) -> Counter[str]:
     assert env._camera is not None
     env._camera._renderer.enable_segmentation_rendering()
     model = env._camera._model
-    shown = np.asarray(env._camera.picture(), dtype=int).reshape(-1, 2)
+    shown = np.asarray(env._camera.render(), dtype=int).reshape(-1, 2)
     pixels: Counter[str] = Counter()
     for (number, kind), count in zip(*np.unique(shown, axis=0, return_counts=True), strict=True):
         if kind == mujoco.mjtObj.mjOBJ_GEOM:

@@ -7,19 +7,19 @@ from numpy.testing import assert_allclose
 
 from avrgym.models import collision_bits, human
 from avrgym.models.compliance import (
-    INVERSE_MASS_PER_KG,
+    MAX_CONTACT_DEPTH_M,
     MAX_CONTACT_FORCE_N,
-    MAX_DEPTH_M,
+    PERSON_INVERSE_MASS_PER_KG,
     TREMOR_STRENGTH_SHARE,
     contact_force_n,
-    effort_limit,
+    effective_effort_limit,
     impact_force_n,
     set_compliance,
 )
 from avrgym.models.robot import PREFIX
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.robots.registry import ROBOTS
-from avrgym.simulation.worlds import MAX_LEAD_RAD, Simulation
+from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD, Simulation
 from avrgym.tasks.registry import TASKS
 from helpers.simulation.contact_forces import MAX_FORCE_N, peak_forces
 from helpers.simulation.initial_states import first_step_forces, reset_episodes
@@ -40,7 +40,7 @@ STRIKE = """
 
 
 def test_a_person_is_a_spring_that_gives_way_ever_more():
-    depths = np.linspace(0.0, MAX_DEPTH_M, 501)
+    depths = np.linspace(0.0, MAX_CONTACT_DEPTH_M, 501)
     force = contact_force_n(depths)
     assert force[0] == 0.0
     assert contact_force_n(np.array(1e-5)) / 1e-5 == pytest.approx(25.5e3, rel=0.03)
@@ -56,7 +56,7 @@ def test_mujoco_carries_what_the_curve_says(depth_m):
     spec.geom("ball").mass = 1e6
     spec.body("ball").pos[0] = 0.1 - depth_m
     model = spec.compile()
-    model.body_invweight0[model.body("head").id, 0] += INVERSE_MASS_PER_KG
+    model.body_invweight0[model.body("head").id, 0] += PERSON_INVERSE_MASS_PER_KG
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.efc_force.sum() == pytest.approx(float(contact_force_n(np.array(depth_m))), rel=0.001)
@@ -70,7 +70,7 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
     set_compliance(spec.geom("head"))
     spec.geom("ball").mass = mass_kg
     model = spec.compile()
-    model.body_invweight0[model.body("head").id, 0] += INVERSE_MASS_PER_KG
+    model.body_invweight0[model.body("head").id, 0] += PERSON_INVERSE_MASS_PER_KG
     data = mujoco.MjData(model)
     data.qvel[0] = -speed_m_s
     mujoco.mj_forward(model, data)
@@ -83,9 +83,12 @@ def test_what_strikes_presses_as_its_energy_allows(mass_kg, speed_m_s):
 def test_motors_press_with_no_more_than_their_lead_nor_than_they_have(robot):
     scene = TASKS["Feeding"].scene(robot)
     simulation = Simulation(scene, 1, num_threads=1)
-    model, lead = simulation.model, MAX_LEAD_RAD * simulation.units[: len(scene.arm.joints)]
+    model, lead = (
+        simulation.model,
+        MAX_SERVO_LEAD_RAD * simulation.configuration_units[: len(scene.arm.joints)],
+    )
     ranges = np.array([model.actuator(PREFIX + joint).forcerange for joint in scene.arm.joints])
-    limit = effort_limit(scene.arm, lead)
+    limit = effective_effort_limit(scene.arm, lead)
     assert_allclose(ranges, np.stack([-limit, limit], axis=-1))
     assert (limit <= scene.arm.effort_limit).all()
     assert (limit <= lead * scene.arm.stiffness).all()
@@ -99,13 +102,13 @@ def test_who_trembles_presses_with_a_third_of_the_strength():
     for episodes, share in ((trembling, TREMOR_STRENGTH_SHARE), (calm, 1.0)):
         model = episodes.simulation.batch.get_model(1)
         ranges = [model.actuator(human.PREFIX + joint).forcerange[1] for joint in human.JOINTS]
-        assert_allclose(ranges, share * episodes.people.strength_share[1] * human.TORQUE_N_M)
+        assert_allclose(ranges, share * episodes.people.strength_share[1] * human.JOINT_TORQUE_LIMITS_N_M)
 
 
 def test_people_touch_a_box_in_place_of_the_spoons_thin_walls():
     model = Simulation(TASKS["Feeding"].scene(ROBOTS["Jaco"]), 1, num_threads=1).model
     touching = (model.geom_conaffinity & collision_bits.PERSON.contype) & (
-        model.geom_bodyid == model.body(TOOL).id
+        model.geom_bodyid == model.body(SCENE_TOOL_BODY).id
     )
     names = [model.geom(geom).name for geom in np.nonzero(touching)[0]]
     assert names == ["robot/spoon_handle", "robot/hull"]
@@ -140,4 +143,4 @@ def test_people_who_do_not_move_give_way_as_softly_as_they_would_alone():
     for _ in range(2):
         episodes.reset(np.arange(4), [np.random.default_rng(seed) for seed in range(4)])
         softness = episodes.simulation.batch.get_model(2).body_invweight0[bodies, 0]
-        assert_allclose(softness, INVERSE_MASS_PER_KG)
+        assert_allclose(softness, PERSON_INVERSE_MASS_PER_KG)

@@ -29,8 +29,8 @@ def episodes_of(env: gym.vector.VectorEnv) -> Episodes:
 
 
 def guard_of(episodes: Episodes) -> ForceGuard:
-    assert episodes.loop.guard is not None
-    return episodes.loop.guard
+    assert episodes.control_loop.guard is not None
+    return episodes.control_loop.guard
 
 
 def pressing(episodes: Episodes) -> np.ndarray:
@@ -99,7 +99,7 @@ def test_a_copy_continues_to_the_same_bits(how) -> None:
     env = gym.make_vec(SCRATCHING, num_envs=WORLDS, force_guard=True)
     env.reset(seed=0)
     episodes = episodes_of(env)
-    while not guard_of(episodes).overriding.any():
+    while not guard_of(episodes).override_mask.any():
         env.step(pressing(episodes))
     other = how(env)
     for _ in range(12):
@@ -112,16 +112,16 @@ def test_a_reset_clears_the_guard_of_its_worlds_alone() -> None:
     env.reset(seed=0)
     episodes = episodes_of(env)
     guard = guard_of(episodes)
-    while guard.interventions.astype(bool).sum() < 2:
+    while guard.num_interventions.astype(bool).sum() < 2:
         env.step(pressing(episodes))
-    before = guard.interventions
+    before = guard.num_interventions
     reset, other = np.flatnonzero(before)[:2]
     mask = np.arange(WORLDS) == reset
     _, info = env.reset(options={"reset_mask": mask})
     assert info["guard_interventions"][reset] == 0
-    assert guard.interventions[reset] == 0
-    assert guard.interventions[other] == before[other]
-    assert not guard.overriding[reset]
+    assert guard.num_interventions[reset] == 0
+    assert guard.num_interventions[other] == before[other]
+    assert not guard.override_mask[reset]
     assert_array_equal(guard._path[reset], np.tile(episodes.simulation.joint_positions()[reset], (150, 1)))
 
 

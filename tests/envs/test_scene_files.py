@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.envs.scene_files import MJB, MJCF, START, USD, write_scene, write_usd
+from avrgym.envs.scene_files import MJB_FILE, MJCF_FILE, START_FILE, USD_FILE, write_scene, write_usd
 from avrgym.models import human
 from avrgym.tasks.episodes import Episodes
 
@@ -29,7 +29,7 @@ def reset_episodes(environment: str, impairment: str = "none") -> Episodes:
 
 def at_start(model: mujoco.MjModel, folder: Path) -> mujoco.MjData:
     data = mujoco.MjData(model)
-    state = json.loads((folder / START).read_text())["integration_state"]
+    state = json.loads((folder / START_FILE).read_text())["integration_state"]
     mujoco.mj_setState(model, data, np.array(state), STATE)
     mujoco.mj_forward(model, data)
     return data
@@ -48,8 +48,8 @@ def written(
 
 def test_the_mjcf_has_the_same_kinematics_and_begins_by_its_key(written: tuple[Episodes, Path]) -> None:
     _, folder = written
-    binary = mujoco.MjModel.from_binary_path(str(folder / MJB))
-    model = mujoco.MjModel.from_xml_path(str(folder / MJCF))
+    binary = mujoco.MjModel.from_binary_path(str(folder / MJB_FILE))
+    model = mujoco.MjModel.from_xml_path(str(folder / MJCF_FILE))
     data, expected = mujoco.MjData(model), at_start(binary, folder)
     mujoco.mj_resetDataKeyframe(model, data, model.key("start").id)
     mujoco.mj_kinematics(model, data)
@@ -65,20 +65,20 @@ def test_the_mjcf_has_the_same_kinematics_and_begins_by_its_key(written: tuple[E
 
 def test_the_mjcf_shows_person_and_robot_and_says_what_it_lacks(written: tuple[Episodes, Path]) -> None:
     episodes, folder = written
-    model = mujoco.MjModel.from_xml_path(str(folder / MJCF))
+    model = mujoco.MjModel.from_xml_path(str(folder / MJCF_FILE))
     assert model.nskin > 5
     assert model.ntex >= 2
     assert model.nmesh > 10
-    binary = mujoco.MjModel.from_binary_path(str(folder / MJB))
+    binary = mujoco.MjModel.from_binary_path(str(folder / MJB_FILE))
     hips = binary.body("person/hips").id
     assert (binary.body_invweight0[hips, 0] > model.body_invweight0[hips, 0]).all()
-    assert json.loads((folder / START).read_text())["environment"] == episodes.environment_id
+    assert json.loads((folder / START_FILE).read_text())["environment"] == episodes.environment_id
 
 
 def test_the_mjb_steps_to_the_same_bits(written: tuple[Episodes, Path]) -> None:
     """Episodes step on from where they were written: the other tests look at files alone."""
     episodes, folder = written
-    model = mujoco.MjModel.from_binary_path(str(folder / MJB))
+    model = mujoco.MjModel.from_binary_path(str(folder / MJB_FILE))
     data = at_start(model, folder)
     for _ in range(STEPS):
         episodes.simulation.step(1)
@@ -93,8 +93,8 @@ def test_usd_shows_the_scene_where_it_stands(tmp_path: Path) -> None:
     Usd = pytest.importorskip("pxr.Usd", reason="`pip install avrgym[usd]` brings what reads USD")
     UsdGeom = import_module("pxr.UsdGeom")
     episodes = reset_episodes(BED)
-    write_usd(episodes, tmp_path / USD)
-    stage = Usd.Stage.Open(str(tmp_path / USD))
+    write_usd(episodes, tmp_path / USD_FILE)
+    stage = Usd.Stage.Open(str(tmp_path / USD_FILE))
     assert UsdGeom.GetStageUpAxis(stage) == "Z"
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1.0
     boxes = UsdGeom.BBoxCache(Usd.TimeCode(1), ["default"])
@@ -122,4 +122,4 @@ def test_the_command_overwrites_nothing_and_names_what_is_missing(
     assert not (tmp_path / "new").exists()
     said = run(app, ["export", "scene", CHAIR, str(tmp_path / "new")])
     assert said.exit_code == 0
-    assert sorted(file.name for file in (tmp_path / "new").glob("scene.*")) == [MJB, MJCF]
+    assert sorted(file.name for file in (tmp_path / "new").glob("scene.*")) == [MJB_FILE, MJCF_FILE]

@@ -26,7 +26,9 @@ def arm(feeding_scene) -> kinematics.Chain:
 def hand() -> kinematics.Chain:
     """From the Jaco's base to its end effector."""
     model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
-    return kinematics.chain_of(model, JACO.arms["right"].joints, JACO.base, JACO.arms["right"].end_effector)
+    return kinematics.extract_chain(
+        model, JACO.arms["right"].joints, JACO.base, JACO.arms["right"].end_effector
+    )
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +44,11 @@ def any_chain() -> tuple[mujoco.MjModel, kinematics.Chain]:
         body.add_joint(name=f"hinge_{i}", axis=axis, range=[-2, 1], limited=i % 2)
         body.add_geom(size=[0.01, 0.01, 0.01])
     model = spec.compile()
-    return model, kinematics.chain_of(model, [f"hinge_{i}" for i in range(8)], "world", "body_7")
+    return model, kinematics.extract_chain(model, [f"hinge_{i}" for i in range(8)], "world", "body_7")
 
 
 def within_ranges(rng: np.random.Generator, chain: kinematics.Chain, count: int = COUNT) -> np.ndarray:
-    return rng.uniform(chain.lower, chain.upper, (count, len(chain.pos)))
+    return rng.uniform(chain.lower_limit, chain.upper_limit, (count, len(chain.body_pos)))
 
 
 def seed_pose() -> np.ndarray:
@@ -121,13 +123,13 @@ def test_a_chain_needs_its_joints_in_order():
     model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     swapped = ("joint_2", "joint_1", *JACO.arms["right"].joints[2:])
     with pytest.raises(ValueError, match=r"are \('joint_1', 'joint_2', .*but \('joint_2', 'joint_1'"):
-        kinematics.chain_of(model, swapped, JACO.base, JACO.arms["right"].end_effector)
+        kinematics.extract_chain(model, swapped, JACO.base, JACO.arms["right"].end_effector)
 
 
 def test_a_chain_needs_a_tip_that_the_base_carries():
     model = robot_spec(JACO, JACO.arms["right"], appearance=False).compile()
     with pytest.raises(ValueError, match="'base' is not a descendant of 'link_3'"):
-        kinematics.chain_of(model, JACO.arms["right"].joints, "link_3", "base")
+        kinematics.extract_chain(model, JACO.arms["right"].joints, "link_3", "base")
 
 
 # Inverse
@@ -205,7 +207,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
     """For any target and any start."""
     pos, q = rng.uniform(-2, 2, (200, 3)), transforms.normalize(rng.standard_normal((200, 4)))
     start = rng.uniform(-10, 10, (200, 7))
-    uniforms = rng.random((200, kinematics.restart_uniforms(7)))
+    uniforms = rng.random((200, kinematics.num_restart_uniforms(7)))
     for angles in (
         kinematics.inverse_kinematics(arm, pos, q, start).joint_positions,
         kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms),
@@ -217,7 +219,7 @@ def test_angles_stay_within_the_ranges(rng, arm):
 
 def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 64))
-    uniforms = rng.random((64, kinematics.restart_uniforms(7)))
+    uniforms = rng.random((64, kinematics.num_restart_uniforms(7)))
     together = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     for row in range(0, 64, 5):
         only = slice(row, row + 1)
@@ -260,15 +262,15 @@ def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
 
 def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.ndarray) -> np.ndarray:
     found_pos, found_q = kinematics.forward_kinematics(chain, angles)
-    near = np.linalg.norm(found_pos - pos, axis=-1) < kinematics.ACCURACY_M
-    return near & (transforms.angle_between(found_q, q) < kinematics.ACCURACY_RAD)
+    near = np.linalg.norm(found_pos - pos, axis=-1) < kinematics.MAX_POSITION_ERROR_M
+    return near & (transforms.angle_between(found_q, q) < kinematics.MAX_ROTATION_ERROR_RAD)
 
 
 def test_restarts_help_and_never_harm(rng, arm):
     """Whatever one search from the seed pose reaches, the search with restarts does; and it reaches more."""
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, 2 * COUNT))
     once = kinematics.inverse_kinematics(arm, pos, q, np.tile(seed_pose(), (2 * COUNT, 1))).joint_positions
-    uniforms = rng.random((2 * COUNT, kinematics.restart_uniforms(7)))
+    uniforms = rng.random((2 * COUNT, kinematics.num_restart_uniforms(7)))
     with_restarts = kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms)
     before, after = reached(arm, once, pos, q), reached(arm, with_restarts, pos, q)
     assert (after | ~before).all()
@@ -283,13 +285,13 @@ def chain_of_columns(origins: np.ndarray, axes: np.ndarray, half_range_rad: floa
     """Hinges at places (J, 3) about axes (J, 3) in the base frame; the tip is the base frame's origin."""
     count = len(origins)
     return kinematics.Chain(
-        pos=np.diff(origins, axis=0, prepend=0.0),
-        q=np.tile(transforms.IDENTITY_QUATERNION, (count, 1)),
-        axis=axes,
+        body_pos=np.diff(origins, axis=0, prepend=0.0),
+        body_q=np.tile(transforms.IDENTITY_QUATERNION, (count, 1)),
+        joint_axis=axes,
         tip_pos=-origins[-1],
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower=np.full(count, -half_range_rad),
-        upper=np.full(count, half_range_rad),
+        lower_limit=np.full(count, -half_range_rad),
+        upper_limit=np.full(count, half_range_rad),
     )
 
 
@@ -320,7 +322,7 @@ def test_equal_weights_do_not_matter_to_isotropy():
 def test_isotropy_with_limits_by_hand():
     """A pair of hinges at the ends of their ranges, the others free: one eigenvalue pair of J W Jᵀ is halved."""
     chain = cross_of_hinges(1.0)
-    lower, upper = chain.lower.copy(), chain.upper.copy()
+    lower, upper = chain.lower_limit.copy(), chain.upper_limit.copy()
     lower[4:], upper[4:] = 0.0, 1.0
     limited = replace(chain, lower=lower, upper=upper)
     by_hand = (2.0**4 * 1.0**2) ** (1 / 6) / ((4 * 2.0 + 2 * 1.0) / 6)

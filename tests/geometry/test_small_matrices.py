@@ -11,7 +11,9 @@ def positive_definite(rng: np.random.Generator) -> np.ndarray:
     """Random matrices A W Aᵀ (N, 6, 6), made by NumPy, of the columns and weights returned rows last."""
     columns, weights = rng.standard_normal((7, 6, COUNT)), rng.uniform(0.1, 1.0, (7, COUNT))
     by_numpy = np.einsum("kn,kin,kjn->nij", weights, columns, columns)
-    assert_allclose(small_matrices.weighted_square(columns, weights).transpose(2, 0, 1), by_numpy, rtol=1e-9)
+    assert_allclose(
+        small_matrices.weighted_gram_matrix(columns, weights).transpose(2, 0, 1), by_numpy, rtol=1e-9
+    )
     return by_numpy
 
 

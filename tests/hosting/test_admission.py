@@ -10,7 +10,7 @@ from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.settings import HostSettings, read_host_settings
 from avrgym.hosting.waiting_list import PRESENCE_TIMEOUT_S, WaitingList, estimate_wait_s
 from avrgym.study.design.validation import DesignError
-from avrgym.vr.server.session_links import CodeError, TooManyCodesError
+from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 
 
 class Clock:
@@ -122,7 +122,7 @@ def test_wrong_codes_are_limited_also_for_a_right_one() -> None:
     for _ in range(MAX_WRONG_CODES_PER_MINUTE):
         with pytest.raises(CodeError):
             codes.exchange("x")
-    with pytest.raises(TooManyCodesError):
+    with pytest.raises(TooManyWrongCodesError):
         codes.exchange(code)
     clock.now_s = 61.0
     assert codes.exchange(code) == "token"

@@ -94,7 +94,7 @@ def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:
     served.post("withdrawal", token)
     wait_until(lambda: served.host.pool.session_of(session.pseudonym) is None, "the session ends")
     assert served.stage(token)["code"] == "LEFT"
-    assert served.host.store.database.faults() == []
+    assert served.host.store.database.find_faults() == []
 
 
 def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> None:
@@ -104,7 +104,7 @@ def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> No
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym):
         run_trial(store, session, trial, simulated=False)
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         change_state(connection, session, "interrupted", {"session": session.id})
     assert store.participant(pseudonym).state == "allocated"
     assert served.stage(token)["code"] == "DONE"
@@ -165,7 +165,7 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
     assert served.post("waiting-list", token).status_code == 409
     assert served.post("invitation", token=served.invite()).json()["reason"] == "closed"
     assert ask("POST", "/api/door", is_open=True) == 204
-    names = {each.name for each in served.host.store.log()}
+    names = {each.name for each in served.host.store.audit_log()}
     assert {"end session", "send message", "close door", "open door"} <= names
 
 

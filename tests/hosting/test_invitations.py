@@ -49,7 +49,7 @@ def test_single_use_link_admits_one_participant(store: Store) -> None:
     with pytest.raises(InvitationError, match="has been used"):
         enrol_invited(store, invitation.token, "man")
     assert [each.pseudonym for each in store.participants()] == ["sub-001"]
-    assert store.database.faults() == []
+    assert store.database.find_faults() == []
 
 
 def test_places_are_not_exceeded_by_concurrent_enrolments(store: Store) -> None:
@@ -104,7 +104,7 @@ def test_new_token_replaces_the_earlier_one(store: Store) -> None:
     delete_participant(store, pseudonym)
     assert participant_of_token(store, second) is None
     assert reason(store, invitation.token) == "full"
-    assert store.database.faults() == []
+    assert store.database.find_faults() == []
 
 
 @pytest.mark.parametrize(

@@ -69,8 +69,8 @@ def test_cluster_and_killed_workers_do_not_change_weights(whole, cluster, tmp_pa
     """A worker dies in the middle of each part; the parts are not equal."""
     killed: set[int] = set()
 
-    def kill(progress: training.Progress) -> None:
-        processes = [process for process, _ in cluster.run_all(process_and_node, [(), ()])]
+    def kill(progress: training.TrainingProgress) -> None:
+        processes = [process for process, _ in cluster.starmap(process_and_node, [(), ()])]
         killed.add(processes[0])
         threading.Timer(0.3, os.kill, (processes[0], signal.SIGKILL)).start()
 
@@ -85,7 +85,7 @@ def test_a_training_continues_without_the_cluster(whole, cluster, tmp_path) -> N
     class Killed(Exception):
         pass
 
-    def kill(progress: training.Progress) -> None:
+    def kill(progress: training.TrainingProgress) -> None:
         if progress.steps >= 3000:
             raise Killed
 
@@ -104,7 +104,7 @@ def test_rows_are_the_same_from_a_cluster(cluster) -> None:
 
 def test_the_error_of_a_call_is_raised(cluster) -> None:
     with pytest.raises(ValueError, match="2 is refused"):
-        cluster.run_all(raise_error, [(2,)])
+        cluster.starmap(raise_error, [(2,)])
 
 
 def test_too_many_worlds_are_refused_before_anything_is_written(cluster, tmp_path) -> None:

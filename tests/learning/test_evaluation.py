@@ -28,7 +28,7 @@ def rewards(monkeypatch: pytest.MonkeyPatch) -> Callable[..., np.ndarray]:
 
     def episodes(count: int, *, at_once: int = 64, policy: str = "random", seed: int = 0) -> np.ndarray:
         batches.clear()
-        monkeypatch.setattr(evaluation, "MAX_WORLDS", at_once)
+        monkeypatch.setattr(evaluation, "MAX_WORLDS_PER_BATCH", at_once)
         figures = evaluate(ENVIRONMENT, policy, "revised", count, seed)
         found = np.concatenate(batches)
         assert figures.reward_mean == pytest.approx(found.mean())
@@ -94,7 +94,7 @@ def test_forces_by_region_do_not_depend_on_other_episodes(
 ) -> None:
     rows: list[list[Evaluation]] = []
     for at_once in (2, 4):
-        monkeypatch.setattr(evaluation, "MAX_WORLDS", at_once)
+        monkeypatch.setattr(evaluation, "MAX_WORLDS_PER_BATCH", at_once)
         asked = [SCRATCHING], "original", "participants", 4, 6
         rows.append(evaluate_all(*asked, jobs=1, force_guard=force_guard))
     assert rows[0] == rows[1]

@@ -2,15 +2,15 @@
 
 import numpy as np
 
-from avrgym.learning.hard_episodes import HARD_FORCE_N, STORED_EPISODES, HardEpisodes
+from avrgym.learning.hard_episodes import FAILURE_FORCE_N, MAX_STORED_EPISODES, HardEpisodes
 
 WORLDS = 8
 
 
 def run(hard: HardEpisodes, steps: int, good) -> list[int]:
     """Choose episodes, and update with no force; those in ``good`` succeed. Returns the seeds."""
-    seeds = hard.choose(steps)
-    hard.update([good(seed) for seed in seeds], [0.0] * len(seeds))
+    seeds = hard.choose_seeds(steps)
+    hard.store_failures([good(seed) for seed in seeds], [0.0] * len(seeds))
     return seeds
 
 
@@ -44,8 +44,8 @@ def test_failed_episodes_are_repeated_until_they_succeed():
 
 def test_an_episode_with_large_forces_counts_as_failed():
     hard = HardEpisodes(2, 0.5, 0)
-    seeds = hard.choose(0)
-    hard.update([True, True], [HARD_FORCE_N, HARD_FORCE_N + 0.1])
+    seeds = hard.choose_seeds(0)
+    hard.store_failures([True, True], [FAILURE_FORCE_N, FAILURE_FORCE_N + 0.1])
     assert hard.stored == seeds[1:]
 
 
@@ -56,8 +56,8 @@ def test_repeated_and_stored_episodes_are_limited():
         assert hard.repeated == (2 if update else 0)
         assert len(seeds) == len(set(seeds)) == WORLDS
         assert hard.stored[-WORLDS:] == seeds
-        assert len(hard.stored) == len(set(hard.stored)) <= STORED_EPISODES
-    assert len(hard.stored) == STORED_EPISODES
+        assert len(hard.stored) == len(set(hard.stored)) <= MAX_STORED_EPISODES
+    assert len(hard.stored) == MAX_STORED_EPISODES
 
 
 def test_choices_follow_from_seed_and_steps():
@@ -68,6 +68,6 @@ def test_choices_follow_from_seed_and_steps():
     )
     for hard in (first, second):
         run(hard, 0, never)
-    second.choose(1600)
-    assert first.choose(1600) == second.choose(1600)
-    assert not np.isin(first.choose(0), other.choose(0)).any()
+    second.choose_seeds(1600)
+    assert first.choose_seeds(1600) == second.choose_seeds(1600)
+    assert not np.isin(first.choose_seeds(0), other.choose_seeds(0)).any()

@@ -5,7 +5,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning.configuration import FeedforwardConfiguration
 from avrgym.learning.feedforward_recipe import FeedforwardRecipe
-from avrgym.learning.recipe import Update
+from avrgym.learning.recipe import UpdateResults
 from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.episodes import Episodes
 
@@ -17,7 +17,7 @@ CONFIGURATION = FeedforwardConfiguration(
 
 
 @pytest.fixture(scope="module")
-def imitated(tmp_path_factory) -> tuple[FeedforwardRecipe, list[Update]]:
+def imitated(tmp_path_factory) -> tuple[FeedforwardRecipe, list[UpdateResults]]:
     """A recipe after four rounds of imitation, and the results of each."""
     recipe = FeedforwardRecipe(CONFIGURATION, tmp_path_factory.mktemp("imitation"))
     return recipe, [recipe.update() for _ in range(ROUNDS)]

@@ -17,18 +17,18 @@ import torch
 
 import avrgym
 from avrgym.cli.main import app
-from avrgym.envs.parallel import HUMAN, ROBOT
+from avrgym.envs.parallel import HUMAN_AGENT, ROBOT_AGENT
 from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration, Pairing
+from avrgym.learning.configuration import FeedforwardConfiguration, JointTrainingSettings
 from avrgym.learning.evaluation import evaluate
-from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out_all
-from avrgym.learning.training import Progress, resume, train
-from avrgym.networks.policy import HumanRole, Policy, PolicyError
+from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out_agents
+from avrgym.learning.training import TrainingProgress, resume, train
+from avrgym.networks.policy import Policy, PolicyError, TrainedHumanMetadata
 from avrgym.people.populations import find_populations
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.human_view import human_observer_of
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, observation_and_action_size
 from helpers.learning.random_networks import random_network, save_network
 
@@ -50,10 +50,15 @@ PAIR = FeedforwardConfiguration(
     n_epochs=1,
     threads=1,
     imitation_rounds=0,
-    pairing=Pairing(),
+    pairing=JointTrainingSettings(),
 )
 LONG = replace(
-    PAIR, steps=5 * UPDATE, imitation_rounds=1, critic_updates=0, hard_share=0.5, pairing=Pairing(alternate=1)
+    PAIR,
+    steps=5 * UPDATE,
+    imitation_rounds=1,
+    critic_updates=0,
+    hard_share=0.5,
+    pairing=JointTrainingSettings(alternate=1),
 )
 
 
@@ -89,12 +94,12 @@ def assert_same_weights(first: Path, second: Path) -> None:
 @pytest.mark.slow
 def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
-    view, joints = human_view_of(SCRATCHING)
+    view, joints = human_observer_of(SCRATCHING)
     assert (human.observation_size, human.action_size) == (view.size, joints)
     assert (robot.observation_size, robot.action_size) == observation_and_action_size(SCRATCHING)
     assert robot.metadata.human is None
     assert robot.metadata.people == "zoo/train, trained together"
-    assert human.metadata.human == HumanRole(partner=robot.digest)
+    assert human.metadata.human == TrainedHumanMetadata(partner=robot.digest)
     for metadata in (robot.metadata, human.metadata):
         assert (metadata.environment, metadata.impairment) == (SCRATCHING, "weakness")
         assert (metadata.seed, metadata.steps) == (4, 2 * UPDATE)
@@ -115,8 +120,8 @@ def test_the_seed_determines_both_networks_of_a_pair(trained, tmp_path):
 def test_an_interrupted_pair_resumes_to_the_same_weights(tmp_path):
     """After imitation, while one agent learns, and after two interruptions."""
 
-    def killed(after: int) -> Callable[[Progress], None]:
-        def kill(progress: Progress) -> None:
+    def killed(after: int) -> Callable[[TrainingProgress], None]:
+        def kill(progress: TrainingProgress) -> None:
             if progress.steps == after * UPDATE:
                 raise KeyboardInterrupt
 
@@ -146,7 +151,7 @@ def test_alternating_agents_learn_one_at_a_time(tmp_path):
     def changed(before: dict[str, np.ndarray], after: dict[str, np.ndarray]) -> bool:
         return any(not np.array_equal(before[name], after[name]) for name in before)
 
-    train(replace(PAIR, critic_updates=0, pairing=Pairing(alternate=1), steps=UPDATE), tmp_path)
+    train(replace(PAIR, critic_updates=0, pairing=JointTrainingSettings(alternate=1), steps=UPDATE), tmp_path)
     first = agents()
     resume(tmp_path, steps=2 * UPDATE)
     second = agents()
@@ -158,7 +163,7 @@ def test_alternating_agents_learn_one_at_a_time(tmp_path):
 
 @pytest.mark.parametrize("alternate", [0, 1, 3])
 def test_agents_alternate_after_equal_numbers_of_updates(alternate):
-    how = replace(LONG, steps=100 * UPDATE, pairing=Pairing(alternate=alternate))
+    how = replace(LONG, steps=100 * UPDATE, pairing=JointTrainingSettings(alternate=alternate))
     turns = [how.learners_at(how.imitation_steps + number * UPDATE) for number in range(12)]
     one = [(True, False)] * alternate + [(False, True)] * alternate
     assert turns == (one * 12)[:12] if alternate else [(True, True)] * 12
@@ -177,21 +182,21 @@ def test_rollouts_of_a_pair_equal_the_parallel_environment(environment):
         environment, TransferredFile.read("zoo/train"), "tremor", 1, "threads", episode_steps=6
     )
     request = RolloutRequest(place, 0, np.array([7, 8]), noise_seed=(1, 2), shared_reward=False)
-    robot, human = roll_out_all(networks, request)
+    robot, human = roll_out_agents(networks, request)
     for world, seed in enumerate(request.episode_seeds):
         env = avrgym.parallel_env(environment, people="zoo/train", impairment="tremor", shared_reward=False)
         seen, _ = env.reset(seed=int(seed))
         for number in range(6):
-            for agent, made in ((ROBOT, robot), (HUMAN, human)):
+            for agent, made in ((ROBOT_AGENT, robot), (HUMAN_AGENT, human)):
                 assert_array_equal(seen[agent].astype(np.float32), made.observations[number, world])
             actions = {
                 agent: np.clip(made.actions[number, world], -1, 1)
-                for agent, made in ((ROBOT, robot), (HUMAN, human))
+                for agent, made in ((ROBOT_AGENT, robot), (HUMAN_AGENT, human))
             }
             seen, rewards, *_ = env.step(actions)
-            for agent, made in ((ROBOT, robot), (HUMAN, human)):
+            for agent, made in ((ROBOT_AGENT, robot), (HUMAN_AGENT, human)):
                 assert np.float32(rewards[agent]) == made.rewards[number, world]
-        assert_array_equal(seen[HUMAN].astype(np.float32), human.observations[-1, world])
+        assert_array_equal(seen[HUMAN_AGENT].astype(np.float32), human.observations[-1, world])
         assert len(np.unique(robot.actions)) > 1
 
 
@@ -213,9 +218,9 @@ def test_a_trained_human_acts_as_in_the_parallel_environment(environment, tmp_pa
     for _ in range(8):
         worlds.step(np.stack([robot, robot]))
         for world, env in enumerate(envs):
-            action = np.clip(human.mean(seen[world][HUMAN][None])[0], -1, 1).astype(np.float32)
+            action = np.clip(human.mean_actions(seen[world][HUMAN_AGENT][None])[0], -1, 1).astype(np.float32)
             assert_array_equal(commanded[-1][world], action.astype(float))
-            seen[world] = env.step({ROBOT: robot, HUMAN: action})[0]
+            seen[world] = env.step({ROBOT_AGENT: robot, HUMAN_AGENT: action})[0]
             both = worlds.simulation.integration_state(world), env.episodes.simulation.integration_state()
             assert_array_equal(*both)
     assert np.abs(commanded).max() > 0.0
@@ -303,11 +308,11 @@ def test_people_are_transferred_with_their_files(tmp_path, monkeypatch):
 
     save_network(tmp_path / "here" / "a" / "human.safetensors", random_network(SCRATCHING))
     save_network(tmp_path / "here" / "b.safetensors", random_network(SCRATCHING, seed=1))
-    found = [each.trained for each in find_populations(str(tmp_path / "here"), TASKS)]
+    found = [each.trained_policy for each in find_populations(str(tmp_path / "here"), TASKS)]
     carried = people_for_workers(str(tmp_path / "here"))
     assert carried.local_path() == str(tmp_path / "here")
     shutil.move(tmp_path / "here", tmp_path / "away")
-    again = [each.trained for each in find_populations(carried.local_path(), TASKS)]
+    again = [each.trained_policy for each in find_populations(carried.local_path(), TASKS)]
     assert [each.digest for each in again if each] == [each.digest for each in found if each]
     assert len(again) == 2
 
@@ -321,7 +326,7 @@ def test_a_training_with_trained_humans_resumes_without_their_files(tmp_path):
         save_network(tmp_path / "humans" / f"{seed}.safetensors", random_network(SCRATCHING, seed=seed))
     alone = replace(PAIR, people=str(tmp_path / "humans"), impairment="none", pairing=None)
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: TrainingProgress) -> None:
         raise KeyboardInterrupt
 
     whole = train(alone, tmp_path / "whole")
@@ -410,11 +415,11 @@ def test_unsuitable_people_are_refused_in_one_line(tmp_path):
 
 
 def test_a_recurrent_human_is_refused(tmp_path):
-    from avrgym.networks.layers import Memory
+    from avrgym.networks.layers import GatedRecurrentUnit
 
     plain = random_network(SCRATCHING)
     size, joints = plain.observation_size, plain.action_size
-    memory = Memory(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
+    memory = GatedRecurrentUnit(np.zeros((size, 3)), np.zeros(3), np.zeros((1, 3)), np.zeros(3))
     remembering = replace(plain, weights=(np.zeros((size + 1, joints)),), memory=memory)
     path = save_network(tmp_path / "human.safetensors", remembering)
     with pytest.raises(PolicyError, match="is a recurrent policy; allowed"):

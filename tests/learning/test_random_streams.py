@@ -5,7 +5,7 @@ import pytest
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.system import random_streams
-from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, evaluation_generators, split_of
+from avrgym.system.random_streams import SPLITS, TEST, VALIDATION, Split, evaluation_generators, parse_split
 from helpers.system.paths import ROOT
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
@@ -51,7 +51,7 @@ def test_results_name_their_split() -> None:
 
 def test_an_unknown_split_is_refused() -> None:
     with pytest.raises(ValueError, match="unknown split 'shown'; allowed: validation, test"):
-        split_of("shown")
+        parse_split("shown")
 
 
 def test_all_random_streams_are_in_one_module() -> None:

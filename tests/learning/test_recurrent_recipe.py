@@ -14,12 +14,12 @@ import torch
 from avrgym.learning import configuration as configurations
 from avrgym.learning import recurrent_recipe, training
 from avrgym.learning.configuration import RecurrentConfiguration, read_configuration
-from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.recurrent_network import RecurrentNetwork
 from avrgym.learning.rollouts import RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.training import resume, train
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.policies.actors import Actor
 from avrgym.policies.trained import Policy, PolicyMetadata, packaged_policies
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
@@ -51,9 +51,11 @@ class Interrupted(Exception):
 @pytest.fixture(autouse=True)
 def _short(monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
-    short = replace(RECURRENT, gradient_steps=3, final_round_gradient_steps=3, critic_updates=1)
+    short = replace(
+        RECURRENT_HYPERPARAMETERS, gradient_steps=3, final_round_gradient_steps=3, critic_updates=1
+    )
     for module in (configurations, recurrent_recipe):
-        monkeypatch.setattr(module, "RECURRENT", short)
+        monkeypatch.setattr(module, "RECURRENT_HYPERPARAMETERS", short)
 
 
 def packaged(environment: str, kind: str) -> Policy:
@@ -87,14 +89,14 @@ def tensors(out: Path) -> bytes:
 def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_path):
     whole, cut = tmp_path / "whole", tmp_path / "cut"
     configuration = replace(TINY, **{"imitation_share": 0.4, **how})
-    assert (configuration.updates, configuration.imitation_updates) == (5, imitated)
+    assert (configuration.total_updates, configuration.imitation_updates) == (5, imitated)
     policy = train(configuration, whole)
     before = packaged(TINY.environment, "adaptive") if "initial" in how else None
     assert policy.metadata.steps == 1000 + (0 if before is None else before.metadata.steps)
     if before is not None:
         assert_allclose(policy.observation_mean, before.observation_mean)
     assert policy.metadata.measured["episodes"] == 1
-    assert policy.action_std in RECURRENT.final_action_stds
+    assert policy.action_std in RECURRENT_HYPERPARAMETERS.final_action_stds
 
     def stop(progress):
         if progress.steps == last:
@@ -116,9 +118,11 @@ def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_pat
 def test_ppo_progress_starts_after_imitation_and_ends_with_the_last_update():
     configuration = RecurrentConfiguration(environment=TINY.environment)
     first = configuration.imitation_updates + 1
-    assert configuration.imitation_updates == round(RECURRENT.imitation_share * configuration.updates)
+    assert configuration.imitation_updates == round(
+        RECURRENT_HYPERPARAMETERS.imitation_share * configuration.total_updates
+    )
     assert configuration.ppo_progress(0) == configuration.ppo_progress(first) == 0.0
-    assert 0.9 < configuration.ppo_progress(configuration.updates - 1) < 1.0
+    assert 0.9 < configuration.ppo_progress(configuration.total_updates - 1) < 1.0
 
 
 @pytest.mark.parametrize("rounds", [1, 2, 25, 63])
@@ -126,7 +130,10 @@ def test_a_longer_training_has_as_much_imitation(rounds):
     configuration = replace(TINY, steps=200 * rounds, imitation_share=0.25)
     for more in (0, 1, 10, 100):
         longer = configuration.with_steps(200 * (rounds + more))
-        assert (longer.updates, longer.imitation_updates) == (rounds + more, configuration.imitation_updates)
+        assert (longer.total_updates, longer.imitation_updates) == (
+            rounds + more,
+            configuration.imitation_updates,
+        )
     with pytest.raises(ValueError, match="but the training run has"):
         configuration.with_steps(200 * rounds - 200)
 
@@ -134,11 +141,11 @@ def test_a_longer_training_has_as_much_imitation(rounds):
 @pytest.mark.slow
 def test_the_best_action_std_is_kept_and_the_least_of_equals(tmp_path, monkeypatch):
     success_with = {0.0: 0.2, 0.05: 0.6, 0.08: 0.6}
-    assert tuple(success_with) == RECURRENT.final_action_stds
+    assert tuple(success_with) == RECURRENT_HYPERPARAMETERS.final_action_stds
 
     def evaluated(environment, path, *_, **__):
         return SimpleNamespace(
-            **dict.fromkeys(training.STORED_RESULTS, 0.0)
+            **dict.fromkeys(training.STORED_RESULT_NAMES, 0.0)
             | {"success_rate": success_with[Policy.load(path).action_std]}
         )
 
@@ -166,12 +173,14 @@ def test_the_policy_in_numpy_equals_the_network_in_torch(environment):
     torch.manual_seed(1)
     network = RecurrentNetwork(observation_size, 12, (9, 8), action_size)
     normaliser = Normaliser(observation_of(environment), 0.99)
-    policy = network.policy(normaliser, PolicyMetadata(environment=environment, people="", steps=0, seed=0))
+    policy = network.to_policy(
+        normaliser, PolicyMetadata(environment=environment, people="", steps=0, seed=0)
+    )
     observations = np.random.default_rng(2).standard_normal((30, 4, observation_size))
     with torch.no_grad():
         means, _ = network(torch.as_tensor(normaliser.normalize_obs(observations)))
     actor = Actor(policy, 4)
-    assert_allclose(np.stack([actor.mean(each) for each in observations]), means.numpy(), atol=1e-6)
+    assert_allclose(np.stack([actor.mean_actions(each) for each in observations]), means.numpy(), atol=1e-6)
 
 
 def test_memory_continues_between_windows():
@@ -190,10 +199,10 @@ def test_demonstrations_are_the_teacher_s_actions():
     place = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(
-        learner, RolloutRequest(place, 0, np.arange(2), expert_drives=by_expert, teacher=teacher)
+        learner, RolloutRequest(place, 0, np.arange(2), expert_controlled=by_expert, teacher=teacher)
     )
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
-        assert_allclose(done, np.clip(Actor(teacher, 2).mean(seen), -1.0, 1.0), atol=1e-4)
+        assert_allclose(done, np.clip(Actor(teacher, 2).mean_actions(seen), -1.0, 1.0), atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -239,7 +248,7 @@ def test_training_starts_from_the_initial_policy(tmp_path):
     seen = np.random.default_rng(3).standard_normal((20, 2, before.observation_size))
     there, here = Actor(before, 2), Actor(after, 2)
     for each in seen:
-        assert_allclose(here.mean(each), there.mean(each), atol=1e-6)
+        assert_allclose(here.mean_actions(each), there.mean_actions(each), atol=1e-6)
     assert after.metadata.curve[: len(before.metadata.curve)] == before.metadata.curve
 
 
@@ -261,9 +270,9 @@ def test_the_overload_penalty_follows_the_most_loaded_region():
     watch, actor = RegionLoadRecorder(len(seeds)), Actor(policy, len(seeds))
     seen = worlds.reset(np.arange(len(seeds)), [np.random.default_rng(seed) for seed in seeds])
     for _ in range(steps):
-        action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
-        worlds.command(action)
-        for substep in range(SUBSTEPS):
+        action = np.clip(actor.mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        worlds.command_robots(action)
+        for substep in range(DEFAULT_SUBSTEPS):
             worlds.step_physics(substep, 1)
             watch.add(worlds.simulation.region_force_n())
         seen = worlds.evaluate_step(action).observation
@@ -280,12 +289,13 @@ def test_force_beyond_the_limit_is_not_rewarded():
         environment, TransferredFile.read("revised"), "none", 1, "threads", episode_steps=steps
     )
     free, limited = (
-        roll_out(policy, RolloutRequest(place, 0, seeds, rewarded_force_n=each)) for each in (np.inf, most)
+        roll_out(policy, RolloutRequest(place, 0, seeds, max_rewarded_force_n=each))
+        for each in (np.inf, most)
     )
     worlds, actor = Episodes(environment, 2, people="revised", num_threads=1), Actor(policy, 2)
     seen, taken_off = worlds.reset(np.arange(2), [np.random.default_rng(seed) for seed in seeds]), []
     for _ in range(steps):
-        action = np.clip(actor.mean(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
+        action = np.clip(actor.mean_actions(seen.astype(np.float32)), -1.0, 1.0).astype(np.float32)
         step = worlds.step(action)
         seen, terms = step.observation, step.reward_terms
         beyond = [np.maximum(terms[name] - most, 0.0) for name in ("scratch_force_n", "force_at_itch_n")]
@@ -302,7 +312,7 @@ def test_a_folder_without_training_is_refused(tmp_path):
 @pytest.mark.slow
 def test_withdrawal_gives_no_reward_and_demonstrates_waiting():
     place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
-    request = RolloutRequest(place, 0, np.array([3]), expert_drives=np.array([True]))
+    request = RolloutRequest(place, 0, np.array([3]), expert_controlled=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, request)
     waits = roll_out(policy, replace(request, place=replace(place, withdraw_after_success=True)))

@@ -21,12 +21,19 @@ from avrgym.cli.main import app
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration, read_configuration
 from avrgym.learning.normaliser import Normaliser, observation_of
-from avrgym.learning.ppo import Agent, export_policy, freeze_actor, make_ppo, set_log_std, update_on_host
+from avrgym.learning.ppo import (
+    Agent,
+    export_policy,
+    make_ppo,
+    set_actor_trainable,
+    set_log_std,
+    update_on_host,
+)
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.rsl_rl_ppo import DevicePPO
-from avrgym.learning.training import Progress, resume, train
+from avrgym.learning.training import TrainingProgress, resume, train
 from avrgym.policies.actors import DeviceActor
-from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
+from avrgym.policies.trained import Policy, PolicyMetadata, policy_path
 from avrgym.simulation.engines import warp
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import observation_and_action_size
@@ -67,7 +74,7 @@ def _brief(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_rollouts_on_the_device_equal_those_on_threads() -> None:
     """The same policy, noise, starts and penalties."""
-    policy = Policy.load(find_policy("revised", SCRATCHING))
+    policy = Policy.load(policy_path("revised", SCRATCHING))
     here, there = (
         roll_out(
             policy,
@@ -94,10 +101,12 @@ def test_rollouts_on_the_device_equal_those_on_threads() -> None:
 
 
 def test_a_policy_acts_equally_on_device_and_host(rng: np.random.Generator) -> None:
-    policy = Policy.load(find_policy("revised", SCRATCHING))
+    policy = Policy.load(policy_path("revised", SCRATCHING))
     observations = 4.0 * rng.normal(size=(50, policy.observation_size))
-    double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).mean(torch.as_tensor(observations))
-    assert_allclose(double, policy.mean(observations), atol=1e-6)
+    double = DeviceActor(policy, torch.zeros(1, dtype=torch.float64)).mean_actions(
+        torch.as_tensor(observations)
+    )
+    assert_allclose(double, policy.mean_actions(observations), atol=1e-6)
 
 
 def seen_and_done(rng: np.random.Generator, worlds: int) -> tuple[Any, Any, Any]:
@@ -133,7 +142,7 @@ def test_both_implementations_of_ppo_give_the_same_update(
         model.num_timesteps, model.max_grad_norm = worlds * STEPS, 1e9
         before = {name: value.clone() for name, value in model.policy.state_dict().items()}
         set_log_std(model, how)
-        freeze_actor(model, how)
+        set_actor_trainable(model, how)
         update(model, *(each.numpy() if update is update_on_host else each for each in given))
         networks.append(model.policy.state_dict())
     here, there = networks
@@ -165,7 +174,7 @@ def test_the_exported_policy_equals_the_network(rng: np.random.Generator, tmp_pa
         latent = network.mlp_extractor.forward_actor(
             torch.as_tensor(normaliser.normalize_obs(plain)).double()
         )
-        assert_allclose(exported.mean(plain), network.action_net(latent), atol=1e-6)
+        assert_allclose(exported.mean_actions(plain), network.action_net(latent), atol=1e-6)
 
 
 def test_the_normaliser_works_equally_with_tensors(rng: np.random.Generator) -> None:
@@ -195,11 +204,11 @@ class Killed(Exception):
 
 def trained(
     configuration: FeedforwardConfiguration, out: Path, kill_after: int | None = None
-) -> list[Progress]:
+) -> list[TrainingProgress]:
     """The progress of a training, which is killed after ``kill_after`` reports."""
-    reported: list[Progress] = []
+    reported: list[TrainingProgress] = []
 
-    def hear(progress: Progress) -> None:
+    def hear(progress: TrainingProgress) -> None:
         reported.append(progress)
         if len(reported) == kill_after:
             raise Killed
@@ -293,8 +302,8 @@ def test_a_cluster_is_refused_with_a_device(tmp_path: Path) -> None:
 
 
 def test_too_many_worlds_for_the_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(warp.Warp, "_bytes_per_world", lambda *_: 1 << 30)
-    monkeypatch.setattr(warp.Warp, "_free_bytes", lambda _: 5 << 30)
+    monkeypatch.setattr(warp.WarpEngine, "_bytes_per_world", lambda *_: 1 << 30)
+    monkeypatch.setattr(warp.WarpEngine, "_free_bytes", lambda _: 5 << 30)
     with pytest.raises(ValueError, match=r"^7 worlds need 7.0 GiB of memory on CPU; allowed: up to 5$"):
         train(replace(TINY, num_envs=7), tmp_path / "out")
     assert not (tmp_path / "out" / "configuration.json").exists()

@@ -12,7 +12,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.cli.main import app
 from avrgym.learning.configuration import configuration_for
-from avrgym.learning.sweep_file import planned_trainings, read_sweep
+from avrgym.learning.sweep_file import plan_training_runs, read_sweep
 from helpers.system.paths import ROOT
 
 LITTLE = """
@@ -36,7 +36,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
     sweep = read_sweep(written(tmp_path, LITTLE + "\n[recipes.usual]\n"))
-    (group,) = planned_trainings(sweep, "sweep.toml").values()
+    (group,) = plan_training_runs(sweep, "sweep.toml").values()
     assert [(each.recipe, each.configuration.seed) for each in group] == [
         ("little", 0),
         ("little", 1),
@@ -52,7 +52,7 @@ def test_a_sweep_has_every_combination_once(tmp_path: Path) -> None:
 
 def test_the_example_is_a_sweep() -> None:
     path = ROOT / "examples" / "clusters" / "sweep.toml"
-    assert sum(map(len, planned_trainings(read_sweep(path), str(path)).values())) == 12
+    assert sum(map(len, plan_training_runs(read_sweep(path), str(path)).values())) == 12
 
 
 @pytest.mark.parametrize(
@@ -89,17 +89,17 @@ def test_a_sweep_equals_single_trainings_and_resumes(tmp_path: Path, monkeypatch
     from helpers.learning.ray_nodes import assert_same_training
 
     out, reported = tmp_path / "out", dict[str, int]()
-    sweep.create(written(tmp_path, LITTLE), out)
+    sweep.create_sweep(written(tmp_path, LITTLE), out)
     with pytest.raises(FileExistsError, match="already contains a sweep"):
-        sweep.create(tmp_path / "sweep.toml", out)
-    first, second = next(iter(sweep.trainings_by_group(out).values()))
+        sweep.create_sweep(tmp_path / "sweep.toml", out)
+    first, second = next(iter(sweep.training_runs_by_group(out).values()))
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     training.train(replace(first.configuration, threads=1), tmp_path / "alone")
     training.train(replace(first.configuration, threads=1), out / first.name)
     measured = (out / first.name / "policy.safetensors").stat().st_mtime_ns
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT / "src")]))
     with connect("local") as _:
-        rows = sweep.run(out, None, reported.__setitem__)
+        rows = sweep.run_sweep(out, None, reported.__setitem__)
     assert [(row.seed, row.outcome, row.steps) for row in rows] == [
         (0, "complete", 1200),
         (1, "complete", 1200),

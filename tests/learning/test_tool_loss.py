@@ -9,7 +9,14 @@ import torch
 from avrgym.geometry import kinematics, transforms
 from avrgym.learning.normaliser import observation_of
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.tool_loss import ACTIONS_WEIGHT, MOTION_SCALE, UNIT_M, UNIT_RAD, ToolMotion, tool_loss
+from avrgym.learning.tool_loss import (
+    ACTION_ERROR_WEIGHT,
+    HALF_WEIGHT_MOTION,
+    ROTATION_UNIT_RAD,
+    TRANSLATION_UNIT_M,
+    ToolMotion,
+    tool_motion_loss,
+)
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.policies.trained import Policy, packaged_policies
 from avrgym.system.transferred_files import TransferredFile
@@ -29,7 +36,8 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
     joint_positions = scene.arm.seed_pose + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))
     predicted = (
-        ToolMotion(scene).motion_per_action(joint_positions.astype(np.float32)).numpy() @ actions[..., None]
+        ToolMotion(scene).scaled_action_jacobian(joint_positions.astype(np.float32)).numpy()
+        @ actions[..., None]
     )
     step = actions * scene.arm.speed_limit * CONTROL_STEP_S
     before, after = (
@@ -37,33 +45,33 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
         for rows in (joint_positions, joint_positions + step)
     )
     turn = transforms.to_rotation_vector(transforms.multiply(after[1], transforms.conjugate(before[1])))
-    moved = np.concatenate([(after[0] - before[0]) / UNIT_M, turn / UNIT_RAD], axis=-1)
+    moved = np.concatenate([(after[0] - before[0]) / TRANSLATION_UNIT_M, turn / ROTATION_UNIT_RAD], axis=-1)
     assert np.abs(moved).max() > 0.005
     assert_allclose(predicted.reshape(-1, 6), moved, atol=5e-5)
 
 
 def test_the_loss_weights_errors_by_the_motion_of_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).motion_per_action(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotion(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.zeros(joints)
-    assert tool_loss(wanted, wanted, motion) == 0.0
+    assert tool_motion_loss(wanted, wanted, motion) == 0.0
     *_, axes = np.linalg.svd(motion.numpy().astype(float))
     most, nothing = (torch.as_tensor(axes[row], dtype=torch.float32) for row in (0, joints - 1))
-    costs = [float(tool_loss(wanted + wrong, wanted, motion)) for wrong in (nothing, most, 2.0 * most)]
-    assert_allclose(costs[0], ACTIONS_WEIGHT / joints, rtol=1e-3)
+    costs = [float(tool_motion_loss(wanted + wrong, wanted, motion)) for wrong in (nothing, most, 2.0 * most)]
+    assert_allclose(costs[0], ACTION_ERROR_WEIGHT / joints, rtol=1e-3)
     assert costs[1] > 10.0 * costs[0]
     assert_allclose(costs[2], 4.0 * costs[1], rtol=1e-4)
 
 
 def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).motion_per_action(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotion(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
-    meant = [times * MOTION_SCALE / length * wanted for times in (0.0, 1.0, 10.0)]
-    at_rest, slow, fast = (float(tool_loss(each + wrong, each, motion)) for each in meant)
+    meant = [times * HALF_WEIGHT_MOTION / length * wanted for times in (0.0, 1.0, 10.0)]
+    at_rest, slow, fast = (float(tool_motion_loss(each + wrong, each, motion)) for each in meant)
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 
 
@@ -75,14 +83,16 @@ def test_a_rollout_contains_arm_angles_with_an_expert():
     parts = [
         roll_out(
             policy,
-            RolloutRequest(place, first, np.arange(first, first + 2), expert_drives=np.array([True, False])),
+            RolloutRequest(
+                place, first, np.arange(first, first + 2), expert_controlled=np.array([True, False])
+            ),
         )
         for first in (0, 2)
     ]
     joined = Rollout.concatenate(parts)
     entries = observation_of(ENVIRONMENT)
     names = [entry.name for entry in entries.entries]
-    end = int(entries.ends[names.index("arm_angles_rad")])
+    end = int(entries.entry_ends[names.index("arm_angles_rad")])
     joints = entries.entries[names.index("arm_angles_rad")].size
     assert joined.joint_positions is not None
     assert_allclose(joined.joint_positions, joined.observations[:-1, :, end - joints : end], atol=1e-6)

@@ -19,30 +19,30 @@ from avrgym.envs.vector import AssistiveVectorEnv
 from avrgym.learning import recurrent_recipe, training
 from avrgym.learning.configuration import (
     FeedforwardConfiguration,
-    Pairing,
+    JointTrainingSettings,
     RecurrentConfiguration,
     write_configuration,
 )
 from avrgym.learning.hyperparameter_files import hyperparameters_text, read_hyperparameters
-from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, hyperparameters_of
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.ppo import Agent, export_policy, make_ppo
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out
 from avrgym.learning.stable_baselines import SB3VectorEnv
 from avrgym.learning.training import (
-    Progress,
+    TrainingProgress,
     configuration_for,
     read_configuration,
     resume,
     train,
     with_metadata,
 )
-from avrgym.policies.trained import Policy, PolicyMetadata, find_policy
+from avrgym.policies.trained import Policy, PolicyMetadata, policy_path
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.tasks.scratch_itch.detour import around_arm_m
+from avrgym.tasks.scratch_itch.detour import tool_and_hand_detour_m
 
 pytestmark = pytest.mark.usefixtures("one_thread")
 
@@ -148,7 +148,7 @@ def test_a_training_writes_a_policy_that_loads(trained):
     assert found.metadata.seed == 4
     assert 0 < found.metadata.steps <= TINY.steps
     assert set(found.metadata.measured) >= {"success_rate", "reward_mean", "force_mean_newton"}
-    assert found.mean(np.zeros((2, 30))).shape == (2, 7)
+    assert found.mean_actions(np.zeros((2, 30))).shape == (2, 7)
 
 
 @pytest.mark.slow
@@ -174,7 +174,7 @@ def test_scratching_improves_within_20_000_steps(tmp_path, monkeypatch):
         environment=SCRATCHING, people="revised", steps=20_000, seed=1, num_envs=8, batch_size=200, imitation_rounds=0,
         log_std=(-0.7, -1.0), threads=1,
     )  # fmt: skip
-    reported: list[Progress] = []
+    reported: list[TrainingProgress] = []
     train(few, tmp_path, reported.append)
     rewards = [progress.reward_mean for progress in reported if progress.reward_mean is not None]
     assert np.mean(rewards[-3:]) > np.mean(rewards[:3]) + 5.0
@@ -184,12 +184,12 @@ class Killed(Exception):
     """The training was killed."""
 
 
-Whole = tuple[Path, list[Progress]]
+Whole = tuple[Path, list[TrainingProgress]]
 """The folder of an uninterrupted training, and its progress."""
 
 
 def train_whole(configuration: FeedforwardConfiguration, out: Path) -> Whole:
-    reported: list[Progress] = []
+    reported: list[TrainingProgress] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "EVALUATION_EPISODES", 2)
         train(configuration, out, reported.append)
@@ -227,9 +227,9 @@ def assert_resumes_equally(
 ) -> None:
     """Assert that a training that is killed at a report resumes equally."""
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 2)
-    reported: list[Progress] = []
+    reported: list[TrainingProgress] = []
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: TrainingProgress) -> None:
         reported.append(progress)
         if len(reported) == kill_at:
             raise Killed
@@ -330,7 +330,7 @@ def test_an_invalid_file_of_hyperparameters_is_refused(text, said, tmp_path):
 
 @pytest.mark.slow
 def test_damaged_demonstrations_are_named(tmp_path):
-    def kill(progress: Progress) -> None:
+    def kill(progress: TrainingProgress) -> None:
         if progress.steps >= UPDATE:
             raise Killed
 
@@ -363,8 +363,8 @@ def test_an_unknown_environment_writes_nothing(tmp_path):
 def test_a_training_of_an_earlier_version_resumes(tmp_path):
     folder = Path(shutil.copytree(DATA / "training-of-0.2.0", tmp_path / "training"))
     before = read_configuration(folder)
-    resume(folder, steps=before.steps + before.update_steps)
-    assert read_configuration(folder).steps == before.steps + before.update_steps
+    resume(folder, steps=before.steps + before.steps_per_update)
+    assert read_configuration(folder).steps == before.steps + before.steps_per_update
 
 
 def test_people_of_an_earlier_training_move_as_before(tmp_path):
@@ -389,7 +389,7 @@ def test_a_training_of_another_algorithm_is_refused(stored, tmp_path):
 @pytest.mark.parametrize("sizes", [(2, 3), (1, 1, 3)])
 def test_rollouts_do_not_depend_on_the_parts(sizes):
     """Parts give the same rollout as one request; with an expert in some worlds and without."""
-    policy = Policy.load(find_policy("revised", SCRATCHING))
+    policy = Policy.load(policy_path("revised", SCRATCHING))
     by_expert = np.array([True, False, False, True, False])
     for how in ({"noise_seed": (3, 400)}, {"expert_drives": by_expert}):
         whole, parts = (
@@ -406,7 +406,7 @@ def expert_rollout(**weights: float) -> Rollout:
     """Two episodes that the task's expert drives."""
     (request,) = requests_of((2,), {"expert_drives": np.ones(2, bool)})
     weighted = replace(request, **{"force_weight_per_n": 0.0, "detour_weight_per_m": 0.0, **weights})
-    return roll_out(Policy.load(find_policy("revised", SCRATCHING)), weighted)
+    return roll_out(Policy.load(policy_path("revised", SCRATCHING)), weighted)
 
 
 @pytest.mark.slow
@@ -427,7 +427,7 @@ def test_detours_are_subtracted_from_the_rewards_of_all_but_the_last_step():
     expected = np.zeros((EPISODE_STEPS, 2))
     for number, action in enumerate(plain.actions[:-1]):
         worlds.step(np.clip(action, -1.0, 1.0).astype(float))
-        expected[number] = 2.0 * around_arm_m(worlds.simulation.state(), worlds.task_state)
+        expected[number] = 2.0 * tool_and_hand_detour_m(worlds.simulation.state(), worlds.task_state)
     assert_allclose(plain.rewards - weighted.rewards, expected, atol=1e-4)
     assert expected.max() > 0.1
 
@@ -442,7 +442,7 @@ def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
             first_world=int(end - size),
             episode_seeds=np.arange(50, 55)[end - size : end],
             noise_seed=how.get("noise_seed"),
-            expert_drives=how["expert_drives"][end - size : end] if "expert_drives" in how else None,
+            expert_controlled=how["expert_drives"][end - size : end] if "expert_drives" in how else None,
             force_weight_per_n=0.1,
             detour_weight_per_m=5.0,
         )
@@ -464,7 +464,7 @@ def test_too_many_worlds_for_the_memory_are_refused(tmp_path):
     "configuration",
     [
         replace(TINY, steps=2 * UPDATE, force_guard=True),
-        replace(TINY, steps=2 * UPDATE, force_guard=True, pairing=Pairing()),
+        replace(TINY, steps=2 * UPDATE, force_guard=True, pairing=JointTrainingSettings()),
         RecurrentConfiguration(
             environment=SCRATCHING, steps=400, num_envs=1, memory_size=4, net_arch=(8,), threads=1,
             imitation_share=0.5, force_guard=True,
@@ -475,18 +475,20 @@ def test_too_many_worlds_for_the_memory_are_refused(tmp_path):
 def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_path, monkeypatch):
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
     monkeypatch.setattr(
-        recurrent_recipe, "RECURRENT", replace(RECURRENT, gradient_steps=1, final_round_gradient_steps=1)
+        recurrent_recipe,
+        "RECURRENT_HYPERPARAMETERS",
+        replace(RECURRENT_HYPERPARAMETERS, gradient_steps=1, final_round_gradient_steps=1),
     )
     guards = []
 
     def worlds(*arguments, **named):
         made = cached_worlds(*arguments, **named)
-        guards.append(made.loop.guard)
+        guards.append(made.control_loop.guard)
         return made
 
     monkeypatch.setattr("avrgym.learning.rollouts.cached_worlds", worlds)
 
-    def kill(progress: Progress) -> None:
+    def kill(progress: TrainingProgress) -> None:
         raise Killed
 
     with pytest.raises(Killed):
@@ -501,7 +503,7 @@ def test_each_recipe_trains_with_the_force_guard_and_resumes(configuration, tmp_
 
 @pytest.mark.slow
 def test_evaluate_reports_that_a_policy_was_trained_with_the_guard(tmp_path):
-    policy = Policy.load(find_policy("revised", SCRATCHING))
+    policy = Policy.load(policy_path("revised", SCRATCHING))
     path = str(tmp_path / "guarded.safetensors")
     with_metadata(policy, force_guard=True).save(path)
     for file, options, warned in ((path, [], True), (path, ["--force-guard"], False), ("revised", [], False)):
@@ -522,13 +524,13 @@ def test_the_exported_policy_acts_as_the_model_does(rng, tmp_path):
     place = replace(
         request.settings, environment=FEEDING, people=TransferredFile.read("revised"), impairment="none"
     )
-    rollout = roll_out(Policy.load(find_policy("revised", FEEDING)), replace(request, settings=place))
+    rollout = roll_out(Policy.load(policy_path("revised", FEEDING)), replace(request, settings=place))
     normaliser.update_observations(rollout)
     observations = np.concatenate([rollout.observations[:, 0], rng.uniform(-3, 3, (200, 25))])
     normalised = normaliser.normalize_obs(observations)
     expected, _ = model.predict(normalised, deterministic=True)
     metadata = PolicyMetadata(environment=FEEDING, people="", steps=0, seed=0)
     exported = export_policy(Agent(model, normaliser), TINY.log_std[0], metadata)
-    assert_allclose(np.clip(exported.mean(observations), -1.0, 1.0), expected, atol=1e-5)
+    assert_allclose(np.clip(exported.mean_actions(observations), -1.0, 1.0), expected, atol=1e-5)
     assert exported.action_std == pytest.approx(np.exp(TINY.log_std[0]))
     assert np.abs(normalised).max() == 5.0

@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.learning import configuration, training, visual_recipe
 from avrgym.learning.configuration import VisualConfiguration, read_configuration
-from avrgym.learning.hyperparameters import VISUAL
+from avrgym.learning.hyperparameters import VISUAL_HYPERPARAMETERS
 from avrgym.policies.trained import load_policy
 from avrgym.tasks.camera_images import graphics_error
 
@@ -18,9 +18,11 @@ SMALL = VisualConfiguration(environment=FEEDING, steps=16, num_envs=4, seed=3)
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    short = replace(VISUAL, episode_steps=2, gradient_steps=3, final_round_gradient_steps=3, batch_size=4)
+    short = replace(
+        VISUAL_HYPERPARAMETERS, episode_steps=2, gradient_steps=3, final_round_gradient_steps=3, batch_size=4
+    )
     for module in (visual_recipe, configuration):
-        monkeypatch.setattr(module, "VISUAL", short)
+        monkeypatch.setattr(module, "VISUAL_HYPERPARAMETERS", short)
     monkeypatch.setattr(training, "EVALUATION_EPISODES", 1)
 
 
@@ -28,7 +30,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.skipif(graphics_error() is not None, reason="no graphics library renders here")
 @pytest.mark.usefixtures("small", "one_thread")
 def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path) -> None:
-    def stop(progress: training.Progress) -> None:
+    def stop(progress: training.TrainingProgress) -> None:
         if progress.steps == 8:
             raise KeyboardInterrupt
 

@@ -7,13 +7,13 @@ from avrgym.geometry import transforms
 from avrgym.models import collision_bits, human
 from avrgym.models.furniture import (
     BOWL_BODY,
-    BOWL_START_M,
+    BOWL_INITIAL_POS_M,
     FURNITURE,
     NIGHTSTAND_BODY,
-    NIGHTSTAND_TOP_M,
+    NIGHTSTAND_TOP_POS_M,
     add_wheelchair,
 )
-from avrgym.models.human import RECLINED, SEATED, Person, Posture, joint_angles
+from avrgym.models.human import RECLINED, SEATED, Person, Posture, seated_joint_angles
 from avrgym.robots.jaco.robot import JACO
 
 BED = ("bed_mattress", "bed_backrest", "bed_deck", "bed_footboard", "bed_headboard")
@@ -28,7 +28,7 @@ SHORT_AND_TALL = [
 ]
 LEG_PARTS = [f"{side}_{part}" for side in ("right", "left") for part in ("thigh", "shin", "foot")]
 BACK_PARTS = ("waist", "chest", "right_shoulder", "left_shoulder")
-SCRATCHED_RAD = joint_angles(right_shoulder_y=30.0)
+SCRATCHED_RAD = seated_joint_angles(right_shoulder_y=30.0)
 ARM_SPREAD_DEG = 10.0
 FOOTPRINT_RADIUS_M = 0.05
 """The Jaco's foot is 8.5 cm across."""
@@ -126,7 +126,7 @@ def test_furniture_stands_on_the_floor(name):
 
 
 def test_the_bowl_stands_where_a_task_puts_it():
-    assert_allclose(compiled("table").body(BOWL_BODY).pos, BOWL_START_M)
+    assert_allclose(compiled("table").body(BOWL_BODY).pos, BOWL_INITIAL_POS_M)
 
 
 # Bed
@@ -196,7 +196,7 @@ def test_nothing_of_the_bed_but_its_mattress_is_near_the_person(sex, torso_heigh
 def test_a_robot_has_room_on_the_nightstand():
     model = compiled("nightstand")
     half, centre = model.geom(NIGHTSTAND_BODY).size, model.geom(NIGHTSTAND_BODY).pos
-    assert_allclose(model.body(NIGHTSTAND_BODY).pos, NIGHTSTAND_TOP_M)
+    assert_allclose(model.body(NIGHTSTAND_BODY).pos, NIGHTSTAND_TOP_POS_M)
     assert centre[2] + half[2] == pytest.approx(0.0)
     assert (half[:2] - np.abs(centre[:2]) > FOOTPRINT_RADIUS_M).all()
 

@@ -5,7 +5,16 @@ from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import JOINTS, LOWER_RAD, PREFIX, PROPORTIONS, SEATED_RAD, UPPER_RAD, People, Person
+from avrgym.models.human import (
+    JOINTS,
+    LOWER_LIMITS_RAD,
+    PREFIX,
+    PROPORTIONS,
+    SEATED_POSE_RAD,
+    UPPER_LIMITS_RAD,
+    People,
+    Person,
+)
 
 MASSES_KG = {"man": 78.4, "woman": 62.5}
 HIPS_ORIGIN = {"man": (0.0, 0.03, 0.65275), "woman": (0.0, 0.03, 0.635)}
@@ -20,7 +29,7 @@ def mirrored(name: str) -> str:
 
 
 def random_angles(rng: np.random.Generator, count: int) -> np.ndarray:
-    return rng.uniform(LOWER_RAD, UPPER_RAD, (count, len(JOINTS)))
+    return rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, (count, len(JOINTS)))
 
 
 def random_people(rng: np.random.Generator, count: int) -> People:
@@ -30,7 +39,7 @@ def random_people(rng: np.random.Generator, count: int) -> People:
 
 
 def single(person: Person) -> People:
-    return People.of([person])
+    return People.from_persons([person])
 
 
 # Mass
@@ -66,7 +75,7 @@ def test_each_part_has_its_share_of_the_mass():
 def test_the_torso_height_is_from_hips_to_head_centre(sex):
     for torso_height in TORSO_HEIGHTS:
         person = Person(sex, float(torso_height), np.zeros(len(JOINTS)))
-        frames = human.layout(np.array([sex == "woman"]), np.array([torso_height]))
+        frames = human.body_layout(np.array([sex == "woman"]), np.array([torso_height]))
         pos, _ = human.body_frames(single(person))
         centre = pos["head"] + frames.site_pos["head_centre"]
         assert_allclose(centre - pos["hips"], [[0.0, 0.0, torso_height]], atol=1e-12)
@@ -76,7 +85,7 @@ def test_the_torso_height_is_from_hips_to_head_centre(sex):
 @pytest.mark.parametrize("sex", human.SEXES)
 def test_lengths_grow_with_the_torso_and_radii_do_not(sex):
     heights = PROPORTIONS[sex].torso_height * np.array([1.0, 1.2])
-    frames = human.layout(np.array([sex == "woman"] * 2), heights)
+    frames = human.body_layout(np.array([sex == "woman"] * 2), heights)
     for name in ("right_upper_arm", "left_forearm", "left_thigh", "right_shin", "neck"):
         (radius, half, _), (taller_radius, taller_half, _) = frames.geom_size[name]
         assert taller_radius == radius
@@ -86,7 +95,7 @@ def test_lengths_grow_with_the_torso_and_radii_do_not(sex):
 
 @pytest.mark.parametrize("sex", human.SEXES)
 def test_the_mouth_is_on_the_face(sex):
-    frames = human.layout(np.array([sex == "woman"]), np.array([PROPORTIONS[sex].torso_height]))
+    frames = human.body_layout(np.array([sex == "woman"]), np.array([PROPORTIONS[sex].torso_height]))
     forward = {"man": 0.11, "woman": 0.10}[sex]
     assert_allclose(frames.site_pos["mouth"], [[0.0, -forward, 0.03]])
 
@@ -97,15 +106,15 @@ def test_the_mouth_is_on_the_face(sex):
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_layout_is_that_of_the_compiled_model(rng, moving):
     people = random_people(rng, 4)
-    frames = human.layout(people.is_woman, people.torso_height_m)
+    frames = human.body_layout(people.is_woman, people.torso_height_m)
     for i in range(4):
-        model = human.person_model(people.person(i), moving=moving)
+        model = human.person_model(people.person_at(i), moving=moving)
         for name in human.BODIES:
             assert_allclose(model.body(PREFIX + name).pos, frames.body_pos[name][i], atol=1e-12)
         for name in human.GEOMS:
             assert_allclose(model.geom(PREFIX + name).pos, frames.geom_pos[name][i], atol=1e-12)
             assert_allclose(model.geom(PREFIX + name).size, frames.geom_size[name][i], atol=1e-12)
-        for name in human.SITE_BODY:
+        for name in human.SITE_BODIES:
             assert_allclose(model.site(PREFIX + name).pos, frames.site_pos[name][i], atol=1e-12)
 
 
@@ -114,7 +123,7 @@ def test_the_frames_are_those_of_mujoco(rng, moving):
     people = random_people(rng, 20)
     pos, q = human.body_frames(people)
     for i in range(20):
-        model = human.person_model(people.person(i), moving=moving)
+        model = human.person_model(people.person_at(i), moving=moving)
         data = mujoco.MjData(model)
         if moving:
             for name, angle in zip(JOINTS, people.joint_angles_rad[i], strict=True):
@@ -134,8 +143,8 @@ def test_left_and_right_mirror_each_other(rng):
     for column, name in enumerate(JOINTS):
         sign = 1.0 if name.endswith("x") else -1.0
         reflected[:, human.JOINT_INDEX[mirrored(name)]] = sign * angles[:, column]
-    assert (reflected >= LOWER_RAD - 1e-12).all()
-    assert (reflected <= UPPER_RAD + 1e-12).all()
+    assert (reflected >= LOWER_LIMITS_RAD - 1e-12).all()
+    assert (reflected <= UPPER_LIMITS_RAD + 1e-12).all()
     is_woman, heights = rng.random(50) < 0.5, rng.uniform(0.5, 0.6, 50)
     pos, _ = human.body_frames(People.unimpaired(is_woman, heights, angles))
     reflected_pos, _ = human.body_frames(People.unimpaired(is_woman, heights, reflected))
@@ -170,7 +179,9 @@ def test_the_moving_person_has_these_joints_ranges_and_torques():
         limits = np.radians([joint.lower_deg, joint.upper_deg])
         assert_allclose(model.joint(PREFIX + name).range, limits)
         assert_allclose(model.actuator(PREFIX + name).ctrlrange, limits)
-        assert_allclose(model.actuator(PREFIX + name).forcerange, [-joint.torque_n_m, joint.torque_n_m])
+        assert_allclose(
+            model.actuator(PREFIX + name).forcerange, [-joint.torque_limit_n_m, joint.torque_limit_n_m]
+        )
 
 
 def test_the_static_person_has_none():
@@ -184,7 +195,7 @@ def test_the_seated_pose_bends_hips_knees_and_elbows():
     assert_allclose(thigh, [[0.0, -0.424, 0.0]], atol=1e-12)
     forearm = pos["left_hand"] - pos["left_forearm"]
     assert_allclose(forearm / np.linalg.norm(forearm), [[0.0, -1.0, 0.0]], atol=1e-12)
-    assert ((SEATED_RAD >= LOWER_RAD) & (SEATED_RAD <= UPPER_RAD)).all()
+    assert ((SEATED_POSE_RAD >= LOWER_LIMITS_RAD) & (SEATED_POSE_RAD <= UPPER_LIMITS_RAD)).all()
 
 
 # What is refused
@@ -199,7 +210,7 @@ def test_an_unknown_joint_names_the_joints():
     with pytest.raises(
         ValueError, match=r"unknown joint 'tail_x'; allowed: waist_x, waist_y, .*left_wrist_y"
     ):
-        human.joint_angles(tail_x=10.0)
+        human.seated_joint_angles(tail_x=10.0)
 
 
 @pytest.mark.parametrize("torso_height", [3.0, 0.1, float("nan")])

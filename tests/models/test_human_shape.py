@@ -7,7 +7,7 @@ import pytest
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import BODIES, RECLINED, SEATED, SEXES, Person, Sex
-from avrgym.models.human_shape import HEAD_PARTS, SKIN_PARTS, SkinMesh, add_appearance, skin_meshes
+from avrgym.models.human_shape import HEAD_SKIN_PARTS, SKIN_PARTS, SkinMesh, add_person_skins, skin_meshes
 
 HEIGHTS_M = {"man": (0.50, 0.60, 0.70), "woman": (0.44, 0.54, 0.64)}
 PEOPLE = [(sex, height) for sex in SEXES for height in HEIGHTS_M[sex]]
@@ -22,13 +22,13 @@ def drawn(sex: Sex, torso_height_m: float, *, open_mouth: bool = False) -> dict[
 def in_body(shape: SkinMesh, sex: Sex, torso_height_m: float, body: str) -> np.ndarray:
     """The vertices that mostly follow a body, in its frame."""
     pos, q = human.bind_frames(sex, torso_height_m)
-    weight = np.where(shape.bodies == BODIES.index(body), shape.weights, 0.0).sum(axis=1)
+    weight = np.where(shape.body_indices == BODIES.index(body), shape.body_weights, 0.0).sum(axis=1)
     return transforms.rotate(transforms.conjugate(q[body]), shape.vertices[weight > 0.8] - pos[body])
 
 
 def outside_capsule(places: np.ndarray, sex: Sex, torso_height_m: float, geom: str) -> np.ndarray:
     """How far places in a body's frame are outside of one of its collision geoms that runs along z."""
-    layout = human.layout(np.array([sex == "woman"]), np.array([torso_height_m]))
+    layout = human.body_layout(np.array([sex == "woman"]), np.array([torso_height_m]))
     (centre,), (size,) = layout.geom_pos[geom], layout.geom_size[geom]
     offset = places - centre
     offset[:, 2] -= np.clip(offset[:, 2], -size[1], size[1])
@@ -47,7 +47,7 @@ def test_visual_arms_match_their_capsules(sex: Sex, torso_height_m: float, limb:
 @everybody
 def test_lips_are_where_the_mouth_is(sex: Sex, torso_height_m: float) -> None:
     face = in_body(drawn(sex, torso_height_m)["face"], sex, torso_height_m, "head")
-    (mouth,) = human.layout(np.array([sex == "woman"]), np.array([torso_height_m])).site_pos["mouth"]
+    (mouth,) = human.body_layout(np.array([sex == "woman"]), np.array([torso_height_m])).site_pos["mouth"]
     before = face[(np.abs(face[:, 0]) < 0.01) & (np.abs(face[:, 2] - mouth[2]) < 0.008)]
     assert abs(before[:, 1].min() - mouth[1]) < 0.01
 
@@ -76,15 +76,17 @@ def test_only_the_lower_face_moves_when_the_mouth_opens() -> None:
 def test_weights_of_every_vertex_sum_to_one() -> None:
     for sex in SEXES:
         for name, shape in drawn(sex, 0.6).items():
-            np.testing.assert_allclose(shape.weights.sum(axis=1), 1.0, atol=1e-9, err_msg=name)
+            np.testing.assert_allclose(shape.body_weights.sum(axis=1), 1.0, atol=1e-9, err_msg=name)
             assert shape.faces.max() < len(shape.vertices), name
 
 
 def test_the_heads_parts_move_with_the_head() -> None:
     for sex in SEXES:
         for name, shape in drawn(sex, 0.6).items():
-            follows = np.where(shape.bodies == BODIES.index("head"), shape.weights, 0.0).sum(axis=1)
-            assert (follows.mean() > 0.6) == (name in HEAD_PARTS), name
+            follows = np.where(shape.body_indices == BODIES.index("head"), shape.body_weights, 0.0).sum(
+                axis=1
+            )
+            assert (follows.mean() > 0.6) == (name in HEAD_SKIN_PARTS), name
 
 
 def test_sitting_people_wear_shoes_and_lying_people_none() -> None:
@@ -92,7 +94,7 @@ def test_sitting_people_wear_shoes_and_lying_people_none() -> None:
         spec = mujoco.MjSpec()
         person = Person("woman", 0.54)
         human.add_person(spec, person, posture, moving=False)
-        add_appearance(spec, person, posture, open_mouth=False)
+        add_person_skins(spec, person, posture, open_mouth=False)
         model = spec.compile()
         names = {model.skin(skin).name for skin in range(model.nskin)}
         assert f"person/{worn}" in names

@@ -15,29 +15,35 @@ from avrgym.models.human import (
     GEOMS,
     JOINT_INDEX,
     JOINTS,
-    LOWER_RAD,
+    LOWER_LIMITS_RAD,
     PREFIX,
     RECLINED,
-    RIGHT_ARM,
+    RIGHT_ARM_BODIES,
     SEATED,
-    UPPER_RAD,
+    UPPER_LIMITS_RAD,
     People,
     Person,
-    joint_angles,
+    seated_joint_angles,
 )
-from avrgym.people.arm_clearance import CHECKED_PAIRS, Boxes, clearance, furniture_boxes, person_capsules
+from avrgym.people.arm_clearance import (
+    CHECKED_CAPSULE_PAIRS,
+    Boxes,
+    clearance,
+    furniture_boxes,
+    person_capsules,
+)
 
 NAMES = list(GEOMS)
 POSTURES = {"seated": SEATED, "reclined": RECLINED}
-SCRATCHING = joint_angles(right_shoulder_y=30.0)
-BATHING = joint_angles(
+SCRATCHING = seated_joint_angles(right_shoulder_y=30.0)
+BATHING = seated_joint_angles(
     right_shoulder_y=20.0, right_shoulder_x=-20.0, right_elbow_x=-45.0,
     left_shoulder_y=-20.0, left_shoulder_x=-20.0, left_elbow_x=-45.0,
 )  # fmt: skip
 
 
 def random_people(rng: np.random.Generator, count: int) -> People:
-    angles = rng.uniform(LOWER_RAD, UPPER_RAD, (count, len(JOINTS)))
+    angles = rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, (count, len(JOINTS)))
     return People.unimpaired(rng.random(count) < 0.5, rng.uniform(0.44, 0.70, count), angles)
 
 
@@ -60,7 +66,7 @@ def test_the_capsules_are_those_of_mujoco(rng, posture):
     segments, radii = person_capsules(people, posture)
     assert segments.shape == (15, len(GEOMS), 2, 3)
     for i in range(15):
-        model, data = compiled(people.person(i), posture)
+        model, data = compiled(people.person_at(i), posture)
         for j, name in enumerate(GEOMS):
             geom = data.geom(PREFIX + name)
             reach = geom.xmat.reshape(3, 3)[:, 2] * model.geom(PREFIX + name).size[1]
@@ -81,34 +87,40 @@ def compiled(person: Person, posture: human.Posture) -> tuple[mujoco.MjModel, mu
 @pytest.mark.parametrize("posture", POSTURES.values(), ids=POSTURES)
 def test_the_clearance_is_the_smallest_distance_that_mujoco_finds(rng, posture):
     people = random_people(rng, 15)
-    expected = [nearest_pair(people.person(i), posture) for i in range(15)]
+    expected = [nearest_pair(people.person_at(i), posture) for i in range(15)]
     assert_allclose(clearance(*person_capsules(people, posture)), expected, atol=1e-6)
 
 
 def nearest_pair(person: Person, posture: human.Posture) -> float:
     model, data = compiled(person, posture)
     ids = {name: model.geom(PREFIX + name).id for name in GEOMS}
-    return min(mujoco.mj_geomDistance(model, data, ids[a], ids[b], 10.0, None) for a, b in CHECKED_PAIRS)
+    return min(
+        mujoco.mj_geomDistance(model, data, ids[a], ids[b], 10.0, None) for a, b in CHECKED_CAPSULE_PAIRS
+    )
 
 
 def test_every_part_of_the_arm_keeps_away_from_head_hips_legs_and_the_other_arm():
-    for part in RIGHT_ARM:
-        others = {other for arm, other in CHECKED_PAIRS if arm == part}
-        assert not others & set(RIGHT_ARM)
+    for part in RIGHT_ARM_BODIES:
+        others = {other for arm, other in CHECKED_CAPSULE_PAIRS if arm == part}
+        assert not others & set(RIGHT_ARM_BODIES)
         assert others >= {"hips", "waist", "neck", "cranium", "jaw", "right_thigh", "left_thigh", "left_hand"}
-    assert ("right_forearm", "chest") in CHECKED_PAIRS
+    assert ("right_forearm", "chest") in CHECKED_CAPSULE_PAIRS
 
 
 def test_a_hand_in_the_face_overlaps_and_a_raised_arm_is_free():
-    face = joint_angles(right_shoulder_x=-80.0, right_shoulder_z=40.0, right_elbow_x=-128.0)
-    raised = joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0)
-    gap = clearance(*person_capsules(People.of([Person("man", 0.6, face), Person("man", 0.6, raised)])))
+    face = seated_joint_angles(right_shoulder_x=-80.0, right_shoulder_z=40.0, right_elbow_x=-128.0)
+    raised = seated_joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0)
+    gap = clearance(
+        *person_capsules(People.from_persons([Person("man", 0.6, face), Person("man", 0.6, raised)]))
+    )
     assert gap[0] < 0.0
     assert gap[1] > 0.05
 
 
 def test_furniture_counts_where_it_is_closer_than_the_body():
-    people = People.of([Person("man", 0.6, joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0))])
+    people = People.from_persons(
+        [Person("man", 0.6, seated_joint_angles(right_shoulder_y=90.0, right_elbow_x=0.0))]
+    )
     segments, radii = person_capsules(people)
     forearm = NAMES.index("right_forearm")
     above = segments[0, forearm].mean(axis=0)
@@ -125,7 +137,7 @@ def test_furniture_counts_where_it_is_closer_than_the_body():
 def test_a_person_does_not_depend_on_others(rng):
     people = random_people(rng, 9)
     segments, radii = person_capsules(people)
-    alone = People.of([people.person(4)])
+    alone = People.from_persons([people.person_at(4)])
     alone_segments, alone_radii = person_capsules(alone)
     assert_array_equal(alone_segments[0], segments[4])
     boxes = Boxes(*(rng.uniform(0.1, 1.0, (2, 3)), transforms.normalize(rng.normal(size=(2, 4)))),

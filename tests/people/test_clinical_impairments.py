@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, SEATED_RAD, UPPER_RAD
+from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_LIMITS_RAD, SEATED_POSE_RAD, UPPER_LIMITS_RAD
 from avrgym.people import impaired_motion, impairments
 from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.impaired_motion import MotorSigns
@@ -19,7 +19,7 @@ from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.episodes import Episodes
 
 COUNT, STEP_S = 20, 0.1
-GOAL_RAD = SEATED_RAD + np.radians(20.0)
+GOAL_RAD = SEATED_POSE_RAD + np.radians(20.0)
 GRADED = [f"{name}:{grade}" for name, grades in SEVERITIES.items() for grade in grades]
 RISING = ("damping_n_m_s", "intention_tremor_rad", "dyskinesia_rad")
 RIGHT = np.array([name.startswith("right") for name in JOINTS])
@@ -33,7 +33,7 @@ def signs_of(impairment: str) -> MotorSigns:
 
 def executed(impairment: str, seconds: float = 6.0, step_s: float = STEP_S) -> np.ndarray:
     """Executed angles (T, N, 20) of people who are commanded to move all joints by 20° at 40°/s."""
-    signs, rest = signs_of(impairment), np.tile(SEATED_RAD, (COUNT, 1))
+    signs, rest = signs_of(impairment), np.tile(SEATED_POSE_RAD, (COUNT, 1))
     state, angles = impaired_motion.initial_state(rest), []
     for number in range(round(seconds / step_s)):
         target = rest + np.minimum(np.radians(40.0) * step_s * (number + 1), np.radians(20.0))
@@ -97,7 +97,7 @@ def test_unaffected_joints_follow_the_command(name, affected):
 
 
 def test_c4_injury_leaves_only_the_head():
-    moved = executed("spinal_cord_injury:C4")[-1] - SEATED_RAD
+    moved = executed("spinal_cord_injury:C4")[-1] - SEATED_POSE_RAD
     assert_allclose(moved[:, ~HEAD], 0.0, atol=1e-12)
 
 
@@ -117,7 +117,7 @@ def test_c5_flexes_the_elbow_and_c6_extends_the_wrist():
 @pytest.mark.parametrize("name", ["spasticity:severe", "hemiparesis_right:severe"])
 def test_no_joint_exceeds_its_speed(name, step_s):
     speed = np.abs(np.diff(executed(name, step_s=step_s), axis=0)) / step_s
-    assert (speed <= signs_of(name).speed_rad_s + 1e-9).all()
+    assert (speed <= signs_of(name).max_speed_rad_s + 1e-9).all()
 
 
 def test_ataxic_people_overshoot_and_tremble_near_the_goal():
@@ -125,7 +125,7 @@ def test_ataxic_people_overshoot_and_tremble_near_the_goal():
     past = [np.degrees((angles - GOAL_RAD).max(axis=0)) for angles in moved]
     assert (past[0].mean(axis=0) > 0.2).all()
     assert (np.diff([each.mean() for each in past]) > 0.0).all()
-    signs, rest = signs_of("ataxia:severe"), np.tile(SEATED_RAD, (COUNT, 1))
+    signs, rest = signs_of("ataxia:severe"), np.tile(SEATED_POSE_RAD, (COUNT, 1))
     state = impaired_motion.initial_state(rest)
     still = [impaired_motion.step(signs, state, rest, rest, STEP_S)[1] - rest for _ in range(10)]
     assert not np.any(still), "no intention, no tremor"
@@ -154,7 +154,7 @@ def test_the_motion_hardly_depends_on_the_step():
 @pytest.mark.parametrize(("environment", "name"), [*zip(PAPER_ENVIRONMENTS * 3, GRADED, strict=False)])
 def test_adaptive_policies_run_and_joints_stay_within_limits(environment, name):
     episodes = Episodes(environment, 2, people="participants", impairment=name, num_threads=1)
-    policy = registry.find("adaptive", environment)
+    policy = registry.resolve_policy("adaptive", environment)
     assert isinstance(policy, Policy)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     observation = episodes.reset(np.arange(2), generators)
@@ -162,9 +162,9 @@ def test_adaptive_policies_run_and_joints_stay_within_limits(environment, name):
     for _ in range(20):
         observation = episodes.step(act(observation)).observation
         assert np.isfinite(observation).all()
-        angles = episodes.simulation.person_angles_rad()
-        assert (angles >= LOWER_RAD - 0.05).all()
-        assert (angles <= UPPER_RAD + 0.05).all()
+        angles = episodes.simulation.person_joint_angles_rad()
+        assert (angles >= LOWER_LIMITS_RAD - 0.05).all()
+        assert (angles <= UPPER_LIMITS_RAD + 0.05).all()
 
 
 def test_a_spastic_elbow_resists_fast_stretches():

@@ -39,15 +39,15 @@ def with_tool(state: State, offset: list[float]) -> State:
 def after(
     state: State,
     steps: int,
-    offered: cooperation.OfferedPart = "mouth",
+    offered: cooperation.OfferedBodyPart = "mouth",
     start: CooperationState | None = None,
 ) -> CooperationState:
     """The person after some steps of 0.1 s, in each of which the motor model moves the joints."""
     now = start or mind()
     moved = motor.initial_state(distributions.repeat_person(Person("man", 0.6), 1), None, *UNHURRIED)
     for _ in range(steps):
-        now, goals = cooperation.choose_goals(now, moved.goal_rad, state, offered, SEATED)
-        moved, _ = motor.next_targets_rad(motor.set_goal(moved, goals), 10)
+        now, goals = cooperation.choose_goal_angles(now, moved.goal_rad, state, offered, SEATED)
+        moved, _ = motor.next_joint_targets_rad(motor.set_goal_angles(moved, goals), 10)
         now = replace(now, targets_rad=moved.angles_rad)
     return now
 
@@ -56,25 +56,25 @@ def test_no_reaction_before_the_reaction_time(upright):
     aside = with_tool(upright, [0.5, -0.5, 0.0])
     for quickness in (0.0, 0.5, 0.99):
         person = mind(quickness)
-        before = after(aside, int(person.reaction_steps[0]), start=person)
-        assert_array_equal(before.targets_rad, person.targets_rad)
-        later = after(aside, int(person.reaction_steps[0]) + 1, start=person)
-        assert not np.array_equal(later.targets_rad, person.targets_rad)
-        assert 0.2 <= 0.1 * person.reaction_steps[0] <= 0.4
+        before = after(aside, int(person.reaction_delay_steps[0]), start=person)
+        assert_array_equal(before.joint_targets_rad, person.joint_targets_rad)
+        later = after(aside, int(person.reaction_delay_steps[0]) + 1, start=person)
+        assert not np.array_equal(later.joint_targets_rad, person.joint_targets_rad)
+        assert 0.2 <= 0.1 * person.reaction_delay_steps[0] <= 0.4
 
 
 @pytest.mark.parametrize(("side", "sign"), [(0.4, 1.0), (-0.4, -1.0)])
 def test_the_face_turns_to_the_side_of_the_tool(upright, side, sign):
-    turned = after(with_tool(upright, [side, -0.4, 0.0]), 20).targets_rad[0]
+    turned = after(with_tool(upright, [side, -0.4, 0.0]), 20).joint_targets_rad[0]
     assert sign * turned[HEAD_Z] > 0.1
-    moved = np.flatnonzero(np.abs(turned - mind().targets_rad[0]) > 1e-9)
+    moved = np.flatnonzero(np.abs(turned - mind().joint_targets_rad[0]) > 1e-9)
     assert set(moved) <= {HEAD_X, HEAD_Z}
 
 
 def test_a_full_turn_would_look_straight_at_the_tool(upright):
     aside = with_tool(upright, [0.2, -0.5, 0.1])
     whole = replace(mind(), facing_share=np.ones(1))
-    angles = after(aside, 30, start=whole).targets_rad
+    angles = after(aside, 30, start=whole).joint_targets_rad
     _, q_w = human.body_frames(distributions.repeat_person(Person("man", 0.6, angles[0]), 1))
     looks = transforms.rotate(q_w["head"], [0.0, -1.0, 0.0])[0]
     to_tool = (aside.tool_pos_w - aside.head_pos_w)[0]
@@ -82,19 +82,19 @@ def test_a_full_turn_would_look_straight_at_the_tool(upright):
 
 
 def test_they_lean_to_a_tool_that_is_near_and_in_front(upright):
-    leaning = after(with_tool(upright, [0.0, -0.15, 0.0]), 30).targets_rad[0, WAIST_X]
+    leaning = after(with_tool(upright, [0.0, -0.15, 0.0]), 30).joint_targets_rad[0, WAIST_X]
     assert leaning == pytest.approx(cooperation.LEAN_RAD, abs=1e-6)
-    assert after(with_tool(upright, [0.0, -0.6, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
-    assert after(with_tool(upright, [0.0, 0.4, 0.0]), 30).targets_rad[0, WAIST_X] == 0.0
+    assert after(with_tool(upright, [0.0, -0.6, 0.0]), 30).joint_targets_rad[0, WAIST_X] == 0.0
+    assert after(with_tool(upright, [0.0, 0.4, 0.0]), 30).joint_targets_rad[0, WAIST_X] == 0.0
 
 
 def test_the_arm_is_lifted_once_towards_a_tool_that_is_near(upright):
     near = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.2, 0.0, 0.0])
     for steps in (30, 60):
-        lifted = after(near, steps, "arm").targets_rad[0] - mind().targets_rad[0]
-        assert lifted[SHOULDER_Y] == pytest.approx(cooperation.LIFT_RAD, abs=1e-5)
+        lifted = after(near, steps, "arm").joint_targets_rad[0] - mind().joint_targets_rad[0]
+        assert lifted[SHOULDER_Y] == pytest.approx(cooperation.ARM_LIFT_ANGLE_RAD, abs=1e-5)
     far = replace(upright, tool_pos_w=upright.right_arm_pos_w[:, 1] + [-0.8, 0.0, 0.0])
-    assert_array_equal(after(far, 30, "arm").targets_rad, mind().targets_rad)
+    assert_array_equal(after(far, 30, "arm").joint_targets_rad, mind().joint_targets_rad)
 
 
 def test_only_participants_move():

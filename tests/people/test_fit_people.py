@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.fit_people import FITTED_JOINTS, covering_range, fit_people, write_people
+from avrgym.analysis.fit_people import FITTED_JOINTS, covering_range, fit_people, write_people_file
 from avrgym.cli.main import app
 from avrgym.learning.evaluation import evaluate
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEXES, Sex
@@ -19,8 +19,8 @@ from avrgym.people.people_file import PeopleFileError, parse_people, read_people
 from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer, BodyTargets, Control, Event, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
-from avrgym.study.storage.answers import record_answer
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
@@ -87,15 +87,17 @@ def take_part(
     held: bool = False,
 ) -> None:
     """Somebody completes their trials."""
-    pseudonym = enrol(store, sex, age_years=22, simulated=simulated)
+    pseudonym = enrol_participant(store, sex, age_years=22, simulated=simulated)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
     session = open_session(store, pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session.id, trial.position)
-        record(store.path(attempt.recording), sex, torso_height_m, lean_deg, largest_motion_deg, held)
-        for item in store.design.items_at("after_trial"):
-            record_answer(store, attempt.id, Answer(item.id, 4, 1.0))
+        record(
+            store.absolute_path(attempt.recording), sex, torso_height_m, lean_deg, largest_motion_deg, held
+        )
+        for item in store.design.items_at_moment("after_trial"):
+            record_trial_answer(store, attempt.id, Answer(item.id, 4, 1.0))
         complete_attempt(store, attempt.id, METRICS)
     close_session(store, session.id)
 
@@ -118,7 +120,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fitted(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("people") / "people.toml"
-    write_people(fit_people(folder), out)
+    write_people_file(fit_people(folder), out)
     return out
 
 
@@ -160,7 +162,7 @@ def test_still_participants_are_fitted_at_their_pose(fitted: Path) -> None:
 
 
 def test_moving_participants_are_fitted_at_their_initial_pose(tmp_path: Path) -> None:
-    found = fit_people(study(tmp_path / "moving", largest_motion_deg=20.0)).people
+    found = fit_people(study(tmp_path / "moving", largest_motion_deg=20.0)).people_file
     assert found.cooperating
     assert found.poses[TASK]["head_z"] == (0.0, 0.0)
 
@@ -185,9 +187,9 @@ def test_simulated_participants_are_ignored_among_real_ones(tmp_path: Path) -> N
     with Store(folder) as store:
         take_part(store, "man", 0.70, 70.0, 1.0, simulated=True)
     fit = fit_people(folder)
-    assert fit.people.source is not None
-    assert (fit.people.source.participants, fit.people.source.simulated) == (3, False)
-    assert fit.people.poses[TASK]["waist_x"][1] < 10.0
+    assert fit.people_file.source is not None
+    assert (fit.people_file.source.participants, fit.people_file.source.simulated) == (3, False)
+    assert fit.people_file.poses[TASK]["waist_x"][1] < 10.0
     assert "Fewer than two participants have sex 'woman'" in fit.remarks
 
 
@@ -196,12 +198,13 @@ def test_trials_with_stale_tracking_are_skipped_and_listed(tmp_path: Path) -> No
     with Store(folder) as store:
         take_part(store, "woman", 0.60, 50.0, 1.0, True, held=True)
     fit = fit_people(folder)
-    assert fit.people.source is not None
-    assert fit.people.source.participants == 3
-    assert fit.people.poses[TASK]["waist_x"][1] < 10.0
-    assert [words.partition(": ")[0] for words in fit.left_out] == _recordings("sub-004")
+    assert fit.people_file.source is not None
+    assert fit.people_file.source.participants == 3
+    assert fit.people_file.poses[TASK]["waist_x"][1] < 10.0
+    assert [words.partition(": ")[0] for words in fit.omitted_recordings] == _recordings("sub-004")
     assert all(
-        "tracking was lost for 100.0 % of the robot's assistance time" in words for words in fit.left_out
+        "tracking was lost for 100.0 % of the robot's assistance time" in words
+        for words in fit.omitted_recordings
     )
 
 
@@ -214,10 +217,10 @@ def test_changed_or_truncated_recordings_are_skipped_and_listed(tmp_path: Path) 
     for path in (folder / "recordings" / "sub-002").rglob("*.mcap"):
         path.write_bytes(path.read_bytes()[:-400])
     fit = fit_people(folder)
-    assert fit.people.source is not None
-    assert fit.people.source.participants == 2
-    assert [words.partition(" ")[0] for words in fit.left_out] == _recordings("sub-002")
-    assert all(words.endswith("was changed: its checksum differs") for words in fit.left_out)
+    assert fit.people_file.source is not None
+    assert fit.people_file.source.participants == 2
+    assert [words.partition(" ")[0] for words in fit.omitted_recordings] == _recordings("sub-002")
+    assert all(words.endswith("was changed: its checksum differs") for words in fit.omitted_recordings)
     assert "left out  recordings/sub-002" in avrgym("fit-people", folder, "--out", tmp_path / "p.toml").stdout
 
 
@@ -264,7 +267,7 @@ def test_environments_and_evaluation_use_a_people_file(fitted: Path) -> None:
     )
     for seed in range(3):
         env.reset(seed=seed)
-        person = env.unwrapped.episodes.person_in(0)  # pyright: ignore[reportAttributeAccessIssue]
+        person = env.unwrapped.episodes.person_of_world(0)  # pyright: ignore[reportAttributeAccessIssue]
         drawn = np.degrees([person.joint_angles_rad[JOINT_INDEX[joint]] for joint in FITTED_JOINTS])
         assert (drawn >= np.array(lows) - 1e-6).all()
         assert (drawn <= np.array(highs) + 1e-6).all()

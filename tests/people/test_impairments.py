@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_RAD, UPPER_RAD, People
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.human import JOINT_INDEX, JOINTS, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, People
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.people import impairments
 from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.tasks.episodes import Episodes
@@ -15,7 +15,7 @@ STILL = np.zeros((4, 7))
 
 @pytest.fixture
 def group(rng) -> People:
-    angles = rng.uniform(LOWER_RAD, UPPER_RAD, (COUNT, len(JOINTS)))
+    angles = rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, (COUNT, len(JOINTS)))
     return People.unimpaired(rng.random(COUNT) < 0.5, rng.uniform(0.5, 0.6, COUNT), angles)
 
 
@@ -39,9 +39,11 @@ def test_limits_shrink_ranges_and_pose(group, rng):
     assert 0.5 <= limited.range_share.min() < 0.51
     assert 0.99 < limited.range_share.max() <= 1.0
     share = limited.range_share[:, None]
-    assert (limited.joint_angles_rad >= share * LOWER_RAD).all()
-    assert (limited.joint_angles_rad <= share * UPPER_RAD).all()
-    kept = (group.joint_angles_rad >= share * LOWER_RAD) & (group.joint_angles_rad <= share * UPPER_RAD)
+    assert (limited.joint_angles_rad >= share * LOWER_LIMITS_RAD).all()
+    assert (limited.joint_angles_rad <= share * UPPER_LIMITS_RAD).all()
+    kept = (group.joint_angles_rad >= share * LOWER_LIMITS_RAD) & (
+        group.joint_angles_rad <= share * UPPER_LIMITS_RAD
+    )
     assert_array_equal(limited.joint_angles_rad[kept], group.joint_angles_rad[kept])
 
 
@@ -70,13 +72,13 @@ def followed_of_the_reference(target: float) -> float:
 def test_joints_tremble_with_their_amplitude():
     episodes, angles = reset_episodes("tremor"), []
     for _ in range(12):
-        episodes.command(STILL)
-        for substep in range(SUBSTEPS):
+        episodes.command_robots(STILL)
+        for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            angles.append(episodes.simulation.person_angles_rad())
+            angles.append(episodes.simulation.person_joint_angles_rad())
         episodes.evaluate_step(STILL)
     heads = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
-    swing = np.ptp(np.array(angles[-4 * SUBSTEPS :]), axis=0)[:, heads] / 2.0
+    swing = np.ptp(np.array(angles[-4 * DEFAULT_SUBSTEPS :]), axis=0)[:, heads] / 2.0
     assert (swing < 1.3 * episodes.people.tremor_rad[:, heads] + 1e-3).all()
     assert swing.max() > np.radians(1.0)
 
@@ -86,22 +88,22 @@ def test_the_tremor_of_the_head_alternates_every_control_step():
     heads = []
     for _ in range(12):
         episodes.step(STILL)
-        heads.append(episodes.simulation.person_angles_rad()[:, JOINT_INDEX["head_z"]])
+        heads.append(episodes.simulation.person_joint_angles_rad()[:, JOINT_INDEX["head_z"]])
     steps = np.diff(np.array(heads)[2:], axis=0)
     assert (steps[1:] * steps[:-1] < 0.0).all()
 
 
 def test_weak_people_have_less_torque_and_hold_their_pose():
     episodes = reset_episodes("weakness")
-    before = episodes.simulation.person_angles_rad()
+    before = episodes.simulation.person_joint_angles_rad()
     torque = episodes.simulation.batch.expanded("actuator_forcerange")
     assert torque is not None
     actuators = [episodes.simulation.model.actuator(f"person/{name}").id for name in JOINTS]
-    expected = episodes.people.strength_share[:, None] * [joint.torque_n_m for joint in JOINTS.values()]
+    expected = episodes.people.strength_share[:, None] * [joint.torque_limit_n_m for joint in JOINTS.values()]
     assert_allclose(torque[:, actuators, 1], expected)
     for _ in range(10):
         episodes.step(STILL)
-    assert_allclose(episodes.simulation.person_angles_rad(), before, atol=0.002)
+    assert_allclose(episodes.simulation.person_joint_angles_rad(), before, atol=0.002)
 
 
 @pytest.mark.parametrize("name", IMPAIRMENTS)

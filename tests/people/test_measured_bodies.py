@@ -14,10 +14,10 @@ from avrgym.models.human import (
     REFERENCE_STATURE_M,
     People,
     Person,
-    layout_of_people,
+    body_layout_of_people,
     person_model,
 )
-from avrgym.people.measured_bodies import ANSUR_II, BMI_KG_M2, sample_bodies
+from avrgym.people.measured_bodies import ANSUR_II, BMI_RANGE_KG_M2, sample_bodies
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.initial_states import deepest_overlap_m, first_step_forces, reset_episodes
@@ -38,11 +38,14 @@ def test_percentiles_and_correlations_match_the_source(sex, rng):
     bodies = sample_bodies(np.full(COUNT, sex == "woman"), rng.random(COUNT), rng.random(COUNT))
     survey, usual = ANSUR_II[sex], PROPORTIONS[sex]
     torso = bodies.torso_height_m / usual.torso_height
-    sitting, arm = survey.median_sitting_height * torso, survey.median_arm * torso * bodies.arm_scale
-    assert bodies.stature_m.min() >= survey.stature[0]
-    assert bodies.stature_m.max() <= survey.stature[-1]
+    sitting, arm = (
+        survey.median_sitting_height_m * torso,
+        survey.median_arm_length_m * torso * bodies.arm_scale,
+    )
+    assert bodies.stature_m.min() >= survey.stature_percentiles_m[0]
+    assert bodies.stature_m.max() <= survey.stature_percentiles_m[-1]
     inner = 100.0 * (np.array([10.0, 25.0, 50.0, 75.0, 90.0]) - 5.0) / 90.0
-    assert_allclose(np.percentile(bodies.stature_m, inner), survey.stature[1:-1], atol=0.003)
+    assert_allclose(np.percentile(bodies.stature_m, inner), survey.stature_percentiles_m[1:-1], atol=0.003)
     for name, values in (("sitting_height", sitting), ("arm", arm)):
         low, middle, high = ANSUR_II_PERCENTILES[sex][name]
         assert np.median(values) == pytest.approx(middle, abs=0.003)
@@ -51,7 +54,7 @@ def test_percentiles_and_correlations_match_the_source(sex, rng):
     found: FloatArray = np.asarray(np.corrcoef([bodies.stature_m, sitting, arm, bodies.bmi_kg_m2]))
     assert_allclose([found[0, 1], found[0, 2], found[1, 2]], CORRELATIONS[sex], atol=0.03)
     assert_allclose(found[3, :3], 0.0, atol=0.03)
-    assert_allclose([bodies.bmi_kg_m2.min(), bodies.bmi_kg_m2.max()], BMI_KG_M2, atol=0.1)
+    assert_allclose([bodies.bmi_kg_m2.min(), bodies.bmi_kg_m2.max()], BMI_RANGE_KG_M2, atol=0.1)
 
 
 @pytest.mark.parametrize(("sex", "stature_m", "bmi"), BUILDS)
@@ -59,7 +62,7 @@ def test_mass_and_girths_follow_stature_and_body_mass_index(sex, stature_m, bmi)
     person = Person(sex, PROPORTIONS[sex].torso_height, stature_m=stature_m, bmi_kg_m2=bmi)
     model = person_model(person, moving=True)
     assert model.body_mass.sum() == pytest.approx(bmi * stature_m**2)
-    built, usual = layout_of_people(People.of([person])).proportions, PROPORTIONS[sex]
+    built, usual = body_layout_of_people(People.from_persons([person])).proportions, PROPORTIONS[sex]
     heavier = bmi / (usual.mass / REFERENCE_STATURE_M[sex] ** 2)
     taller = stature_m / REFERENCE_STATURE_M[sex]
     for name, (on_bmi, on_stature) in GIRTH_EXPONENTS.items():
@@ -73,7 +76,9 @@ def test_breadths_and_depths_grow_as_in_the_source(sex):
     stature_m, torso_m = REFERENCE_STATURE_M[sex], PROPORTIONS[sex].torso_height
     usual = PROPORTIONS[sex].mass / REFERENCE_STATURE_M[sex] ** 2
     slim, heavy = (
-        layout_of_people(People.of([Person(sex, torso_m, stature_m=stature_m, bmi_kg_m2=bmi)])).geom_size
+        body_layout_of_people(
+            People.from_persons([Person(sex, torso_m, stature_m=stature_m, bmi_kg_m2=bmi)])
+        ).geom_size
         for bmi in (usual, 36.0)
     )
     for geom, breadth, depth in (("waist", 0.63, 0.86), ("hips", 0.45, 0.65), ("chest", 0.30, 0.63)):
@@ -85,18 +90,18 @@ def test_breadths_and_depths_grow_as_in_the_source(sex):
 
 def test_people_without_a_build_keep_every_bit():
     person = Person("man", 0.58)
-    people = People.of([person, replace(person, stature_m=1.8, bmi_kg_m2=30.0)])
-    both, alone = layout_of_people(people), layout_of_people(People.of([person]))
+    people = People.from_persons([person, replace(person, stature_m=1.8, bmi_kg_m2=30.0)])
+    both, alone = body_layout_of_people(people), body_layout_of_people(People.from_persons([person]))
     for part in ("geom_size", "geom_pos", "body_pos", "site_pos"):
         for name, values in getattr(alone, part).items():
             assert_array_equal(getattr(both, part)[name][:1], values, err_msg=name)
-    assert people.person(0).bmi_kg_m2 is None
-    assert people.person(1).bmi_kg_m2 == 30.0
+    assert people.person_at(0).bmi_kg_m2 is None
+    assert people.person_at(1).bmi_kg_m2 == 30.0
 
 
 def test_the_back_keeps_its_place_and_the_belly_moves_forwards():
     slim, heavy = (Person("man", 0.6, stature_m=1.755, bmi_kg_m2=bmi) for bmi in (20.0, 38.0))
-    layouts = [layout_of_people(People.of([each])) for each in (slim, heavy)]
+    layouts = [body_layout_of_people(People.from_persons([each])) for each in (slim, heavy)]
     backs = [each.body_pos["hips"][0, 1] + each.geom_size["chest"][0, 0] for each in layouts]
     assert backs[0] == pytest.approx(backs[1])
 
@@ -115,7 +120,7 @@ def test_every_body_has_room_at_the_start(environment):
     episodes = reset_episodes(environment, 24, "anthropometric", "none")
     assert deepest_overlap_m(episodes) == 0.0
     assert first_step_forces(episodes).max() == 0.0
-    assert episodes.start_draws.mean() < 1.5, "hardly any body is rejected"
+    assert episodes.start_samples.mean() < 1.5, "hardly any body is rejected"
     assert len(np.unique(episodes.people.bmi_kg_m2)) == 24
 
 
@@ -126,6 +131,6 @@ def test_capsules_and_mass_of_a_world_follow_its_person():
         mass, bodies = episodes.simulation.batch.expanded("body_mass"), [f"person/{name}" for name in BODIES]
         assert mass is not None
         rows = [episodes.simulation.model.body(name).id for name in bodies]
-        layout = layout_of_people(episodes.people, episodes.scene.posture)
+        layout = body_layout_of_people(episodes.people, episodes.scene.posture)
         expected = np.broadcast_to(layout.proportions.mass, 3)
         assert_allclose(mass[:, rows].sum(axis=1), expected)

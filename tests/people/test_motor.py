@@ -7,9 +7,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, Person
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people import cooperation, distributions, impairments, motor, shoulder_limits
-from avrgym.people.distributions import DISTRIBUTIONS, NAMED_DISTRIBUTIONS
+from avrgym.people.distributions import BASE_DISTRIBUTIONS, NAMED_DISTRIBUTIONS
 from avrgym.people.zoo import partners
 from avrgym.people.zoo.partner_behaviour import PartnerState
 from avrgym.simulation.worlds import State
@@ -21,7 +21,7 @@ from helpers.simulation.worlds import resting_state
 FEEDING = "avrgym/FeedingJaco-v1"
 HEAD_Z, ELBOW = JOINT_INDEX["head_z"], JOINT_INDEX["right_elbow_x"]
 WORLDS = 120
-MOVING = [name for name, distribution in DISTRIBUTIONS.items() if distribution.moving]
+MOVING = [name for name, distribution in BASE_DISTRIBUTIONS.items() if distribution.moving]
 
 
 def at_rest(count: int = 1) -> motor.MotorState:
@@ -37,7 +37,7 @@ def turned(state: motor.MotorState, goals_rad: list[float]) -> np.ndarray:
     for goal in goals_rad:
         wanted = state.goal_rad.copy()
         wanted[:, HEAD_Z] = goal
-        state, targets = motor.next_targets_rad(motor.set_goal(state, wanted), SUBSTEPS)
+        state, targets = motor.next_joint_targets_rad(motor.set_goal_angles(state, wanted), DEFAULT_SUBSTEPS)
         shown.append(targets)
     return np.concatenate(shown)
 
@@ -47,7 +47,7 @@ def turned(state: motor.MotorState, goals_rad: list[float]) -> np.ndarray:
 @pytest.mark.parametrize("people", MOVING)
 def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> None:
     """Of all styles, while the tool wanders near and far, with tremor."""
-    rng, distribution = np.random.default_rng(5), DISTRIBUTIONS[people]
+    rng, distribution = np.random.default_rng(5), BASE_DISTRIBUTIONS[people]
     uniforms = rng.random((WORLDS, cooperation.NUM_UNIFORMS))
     body = distributions.repeat_person(Person("man", 0.6, TASKS[task].pose.rest_rad), WORLDS)
     drawn = None if distribution.partners is None else distribution.partners.sample(uniforms[:, :2])
@@ -65,15 +65,15 @@ def test_no_joint_target_moves_faster_than_its_limit(people: str, task: str) -> 
     way, shown, startled = np.zeros((WORLDS, 3)), [], np.zeros(WORLDS, dtype=bool)
 
     def possible(angles: np.ndarray) -> np.ndarray:
-        return shoulder_limits.clip(impairments.clip_to_ranges(body, angles))
+        return shoulder_limits.clip_shoulders(impairments.clip_to_ranges(body, angles))
 
     def observe() -> State:
         return replace(seen, tool_pos_w=mouth + way)
 
     for _ in range(60):
         way = np.clip(way + rng.uniform(-0.15, 0.15, way.shape), -0.5, 0.5)
-        model.choose_goals(observe, possible)
-        shown.append(model.next_targets(possible, SUBSTEPS))
+        model.choose_goal_angles(observe, possible)
+        shown.append(model.next_joint_targets(possible, DEFAULT_SUBSTEPS))
         state = model.snapshot()[0]
         if isinstance(state, PartnerState):
             startled |= state.startle_count > 0.0
@@ -88,7 +88,7 @@ def test_accelerations_stay_within_their_limits_even_if_the_goal_jumps():
     goals = [0.8] * 5 + [-0.8] * 9 + [0.8] * 3 + [0.0] * 12
     shown = turned(at_rest(50), goals)
     acceleration = np.abs(np.diff(shown[..., HEAD_Z], n=2, axis=0)).max() / PHYSICS_STEP_S**2
-    limit = motor.ACCELERATION_RAD_S2[HEAD_Z]
+    limit = motor.MAX_JOINT_ACCELERATION_RAD_S2[HEAD_Z]
     assert 0.6 * limit < acceleration <= limit
 
 
@@ -100,7 +100,7 @@ def test_movements_are_bell_shaped_and_arrive_without_overshoot():
     assert shown[-1] == pytest.approx(0.5, abs=1e-4)
     peak = int(speed.argmax())
     assert (np.diff(speed[:peak]) > -1e-3).all()
-    assert 0.7 * motor.SPEED_RAD_S[HEAD_Z] < speed[peak] <= motor.SPEED_RAD_S[HEAD_Z]
+    assert 0.7 * motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z] < speed[peak] <= motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
 
 
 def test_noise_is_proportional_to_speed():
@@ -111,8 +111,8 @@ def test_noise_is_proportional_to_speed():
         speed = np.diff(turned(state, [3.0] * 8)[-10:, :, HEAD_Z], axis=0).mean(axis=0) / PHYSICS_STEP_S
         spread.append(speed.std())
     assert spread[1] == pytest.approx(4.0 * spread[0], rel=1e-6)
-    nominal = motor.USUAL_SPEED_SHARE * motor.SPEED_RAD_S[HEAD_Z]
-    assert 0.5 * motor.NOISE_SHARE < spread[1] / nominal <= 1.1 * motor.NOISE_SHARE
+    nominal = motor.NOISE_FREE_SPEED_SHARE * motor.MAX_JOINT_SPEED_RAD_S[HEAD_Z]
+    assert 0.5 * motor.SPEED_NOISE_SHARE < spread[1] / nominal <= 1.1 * motor.SPEED_NOISE_SHARE
     assert np.ptp(turned(usual, [0.0] * 8), axis=0).max() == 0.0
 
 
@@ -122,11 +122,11 @@ def test_hands_of_participants_tremble_like_those_of_healthy_people():
     episodes.reset(np.arange(8), [np.random.default_rng(seed) for seed in range(8)])
     angles = []
     for step in range(30):
-        episodes.command(np.zeros((8, episodes.action_size)))
-        for substep in range(SUBSTEPS):
+        episodes.command_robots(np.zeros((8, episodes.action_size)))
+        for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
             if step >= 10:
-                angles.append(episodes.simulation.person_angles_rad()[:, ELBOW])
+                angles.append(episodes.simulation.person_joint_angles_rad()[:, ELBOW])
     measured = np.array(angles) - np.mean(angles, axis=0)
     spectrum = np.abs(np.fft.rfft(measured * np.hanning(len(measured))[:, None], axis=0))
     hertz = np.fft.rfftfreq(len(measured), PHYSICS_STEP_S)
@@ -134,7 +134,7 @@ def test_hands_of_participants_tremble_like_those_of_healthy_people():
     peak_hz = hertz[fast][spectrum[fast].argmax(axis=0)]
     assert ((peak_hz > 7.4) & (peak_hz < 12.6)).all()
     acceleration = np.abs(np.diff(measured, n=2, axis=0)).max(axis=0) / PHYSICS_STEP_S**2
-    gravities = motor.FOREARM_M * acceleration / motor.GRAVITY_M_S2
+    gravities = motor.FOREARM_LENGTH_M * acceleration / motor.GRAVITY_M_S2
     assert ((gravities > 0.0008) & (gravities < 0.035)).all()
 
 
@@ -145,10 +145,10 @@ def head_jump(people: str) -> float:
     columns = [episodes.simulation.model.actuator(f"person/head_{axis}").id for axis in "xyz"]
     shown = []
     for _ in range(12):
-        episodes.command(np.zeros((4, episodes.action_size)))
-        for substep in range(SUBSTEPS):
+        episodes.command_robots(np.zeros((4, episodes.action_size)))
+        for substep in range(DEFAULT_SUBSTEPS):
             episodes.step_physics(substep, 1)
-            shown.append(episodes.simulation.controls()[:, columns])
+            shown.append(episodes.simulation.servo_commands()[:, columns])
     return float(np.abs(np.diff(np.array(shown), axis=0)).max())
 
 
@@ -172,7 +172,7 @@ def test_whole_steps_and_single_physics_steps_give_the_same_bits(rng):
         episodes.reset(np.arange(3), [np.random.default_rng(seed) for seed in range(3)])
     for action in rng.uniform(-1.0, 1.0, (6, 3, whole.action_size)):
         one = whole.step(action)
-        single.command(action)
-        for substep in range(SUBSTEPS):
+        single.command_robots(action)
+        for substep in range(DEFAULT_SUBSTEPS):
             single.step_physics(substep, 1)
         assert_array_equal(one.observation, single.evaluate_step(action).observation)

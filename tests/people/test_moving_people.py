@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.models import human
 from avrgym.models.human import JOINTS, Person
-from avrgym.models.scene import build_spec
+from avrgym.models.scene import build_scene_spec
 from avrgym.simulation.person_model_fields import INERTIAL_FIELDS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -35,8 +35,8 @@ def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environmen
 def test_per_world_fields_equal_the_compiled_person(environment):
     episodes = reset_episodes(environment, moving=True)
     for world in range(WORLDS):
-        person = episodes.person_in(world)
-        alone = build_spec(episodes.scene, person, moving=True, appearance=False).compile()
+        person = episodes.person_of_world(world)
+        alone = build_scene_spec(episodes.scene, person, moving=True, appearance=False).compile()
         here = episodes.simulation.batch.get_model(world)
         bodies = [alone.body(human.PREFIX + name).id for name in human.BODIES]
         for field in (*INERTIAL_FIELDS, "body_pos", "body_quat"):
@@ -67,7 +67,7 @@ def test_the_whole_body_weighs_what_the_table_says(moving):
     for world in range(WORLDS):
         model = episodes.simulation.batch.get_model(world)
         mass = sum(float(model.body(human.PREFIX + name).mass[0]) for name in human.BODIES)
-        sex = episodes.person_in(world).sex
+        sex = episodes.person_of_world(world).sex
         assert mass == pytest.approx(human.PROPORTIONS[sex].mass, rel=1e-9)
 
 
@@ -84,7 +84,7 @@ def test_robot_and_arm_move_each_other():
         episodes.step(np.zeros((WORLDS, 7)))
         felt = np.maximum(felt, simulation.state().robot_force_n)
         if step >= ARRIVED:
-            short_of = np.abs(simulation.person_angles_rad() - targets)[:, reach].max(axis=1)
+            short_of = np.abs(simulation.person_joint_angles_rad() - targets)[:, reach].max(axis=1)
             held_off = np.maximum(held_off, short_of)
     pushed = felt > 1.0
     assert pushed.any()

@@ -4,18 +4,18 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models.human import (
     JOINT_INDEX,
-    LOWER_RAD,
+    LOWER_LIMITS_RAD,
     SEATED,
-    SEATED_RAD,
-    UPPER_RAD,
+    SEATED_POSE_RAD,
+    UPPER_LIMITS_RAD,
     People,
     Person,
-    joint_angles,
+    seated_joint_angles,
 )
 from avrgym.people import distributions, shoulder_limits
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.robots.jaco.robot import JACO
-from avrgym.tasks.person import TURNED_HEAD
+from avrgym.tasks.person import TURNED_HEAD_POSE
 from avrgym.tasks.registry import TASKS
 
 COUNT = 4000
@@ -35,7 +35,7 @@ def name(request) -> str:
 def sampled(name: str, rng: np.random.Generator, count: int = COUNT) -> People:
     return distributions.sample_people(
         distributions.find_distribution(name, TASKS),
-        TURNED_HEAD,
+        TURNED_HEAD_POSE,
         SEATED,
         None,
         rng.random((count, distributions.NUM_UNIFORMS)),
@@ -62,7 +62,7 @@ def test_torso_heights_fill_the_range_of_the_paper(rng, name):
 
 
 def test_waist_and_head_fill_the_range_of_the_paper(rng, name):
-    offset = np.degrees(sampled(name, rng).joint_angles_rad - SEATED_RAD)
+    offset = np.degrees(sampled(name, rng).joint_angles_rad - SEATED_POSE_RAD)
     for joint in WAIST:
         assert_fills(offset[:, joint], -WAIST_DEG[name], WAIST_DEG[name])
     for joint in HEAD:
@@ -72,8 +72,8 @@ def test_waist_and_head_fill_the_range_of_the_paper(rng, name):
 
 def test_sampled_poses_are_within_joint_ranges(rng, name):
     angles = sampled(name, rng).joint_angles_rad
-    assert (angles >= LOWER_RAD).all()
-    assert (angles <= UPPER_RAD).all()
+    assert (angles >= LOWER_LIMITS_RAD).all()
+    assert (angles <= UPPER_LIMITS_RAD).all()
 
 
 def test_joints_and_torso_height_are_drawn_independently(rng):
@@ -86,9 +86,9 @@ def test_joints_and_torso_height_are_drawn_independently(rng):
 def test_a_person_does_not_depend_on_other_worlds(rng, name):
     uniforms = rng.random((50, distributions.NUM_UNIFORMS))
     distribution = distributions.find_distribution(name, TASKS)
-    together = distributions.sample_people(distribution, TURNED_HEAD, SEATED, None, uniforms)
+    together = distributions.sample_people(distribution, TURNED_HEAD_POSE, SEATED, None, uniforms)
     for i in (0, 17, 49):
-        alone = distributions.sample_people(distribution, TURNED_HEAD, SEATED, None, uniforms[i : i + 1])
+        alone = distributions.sample_people(distribution, TURNED_HEAD_POSE, SEATED, None, uniforms[i : i + 1])
         assert_array_equal(alone.is_woman, together.is_woman[[i]])
         assert_array_equal(alone.torso_height_m, together.torso_height_m[[i]])
         assert_array_equal(alone.joint_angles_rad, together.joint_angles_rad[[i]])
@@ -104,18 +104,18 @@ def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
     group = distributions.sample_people(
         distributions.find_distribution(name, TASKS), task.pose, scene.posture, furniture, uniforms
     )
-    assert shoulder_limits.within_limits(group.joint_angles_rad).all()
+    assert shoulder_limits.shoulders_within_limits(group.joint_angles_rad).all()
     assert clearance(*person_capsules(group, scene.posture), furniture).min() >= 0.01
-    spread_rad = task.pose.spread_rad[distributions.RIGHT_ARM]
-    offset_rad = np.abs(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM]
+    spread_rad = task.pose.spread_rad[distributions.RIGHT_ARM_JOINT_MASK]
+    offset_rad = np.abs(group.joint_angles_rad - task.pose.rest_rad)[:, distributions.RIGHT_ARM_JOINT_MASK]
     assert (offset_rad <= spread_rad + 1e-9).all()
     assert (offset_rad.max(axis=0) > 0.9 * spread_rad).all()
 
 
 def test_poses_without_clearance_are_sampled_again(rng):
     """An arm that hangs close to the body, ±10°, often has no room; the few that never find any stay."""
-    spread = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
-    close = distributions.Pose(joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
+    spread = np.where(distributions.RIGHT_ARM_JOINT_MASK, np.radians(10.0), 0.0)
+    close = distributions.Pose(seated_joint_angles(right_shoulder_y=10.0, right_elbow_x=-20.0), spread)
     distribution = distributions.find_distribution("original", TASKS)
     uniforms = rng.random((400, distributions.NUM_UNIFORMS))
     once = uniforms.copy()
@@ -134,7 +134,7 @@ def test_poses_without_clearance_are_sampled_again(rng):
 def test_one_of_many_is_a_person(rng):
     group = sampled("revised", rng, 20)
     for i in range(20):
-        person = group.person(i)
+        person = group.person_at(i)
         assert person.sex == ("woman" if group.is_woman[i] else "man")
         assert person.torso_height_m == group.torso_height_m[i]
         assert_array_equal(person.joint_angles_rad, group.joint_angles_rad[i])

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models.human import JOINT_INDEX, SEATED, People, Person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import distributions, impairments, motor, shoulder_limits
-from avrgym.people.cooperation import OfferedPart
+from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import PartnerState
@@ -19,7 +19,7 @@ from avrgym.people.zoo.partners import (
     PARAMETER_NAMES,
     PARTNER_PARAMETERS,
     PARTNERS,
-    ZOOS,
+    ZOO_PARTNER_SETS,
     apply_partner_bodies,
 )
 from avrgym.people.zoo.styles import PARAMETER_SOURCES, STYLES
@@ -41,7 +41,7 @@ def rows(zoo: str, style: str) -> np.ndarray:
 
 
 def reset_episodes(partners: np.ndarray, uniforms: float | np.ndarray = 0.3) -> tuple[People, PartnerState]:
-    parameters = PARTNER_PARAMETERS.of(partners)
+    parameters = PARTNER_PARAMETERS.select_partners(partners)
     people = apply_partner_bodies(distributions.repeat_person(Person("man", 0.6), len(partners)), parameters)
     return people, partner_behaviour.initial_state(
         people, parameters, np.broadcast_to(uniforms, (len(partners), 4))
@@ -76,17 +76,19 @@ def stepped(
     people: People,
     offset: tuple[float, ...] | np.ndarray,
     steps: int,
-    offered: OfferedPart = "mouth",
+    offered: OfferedBodyPart = "mouth",
 ) -> Moved:
-    moved = mind.motor if isinstance(mind, Moved) else partner_behaviour.motor_state(mind, people)
+    moved = mind.motor if isinstance(mind, Moved) else partner_behaviour.initial_motor_state(mind, people)
     kept, shown = {name: getattr(mind, name) for name in PartnerState.__dataclass_fields__}, np.empty(0)
     for _ in range(steps):
         now = PartnerState(**{**kept, "targets_rad": moved.angles_rad})
-        now, goals = partner_behaviour.choose_goals(now, sight(offset, len(now.time_s)), offered, SEATED)
-        moved = motor.set_goal(moved, possible_for(people)(goals), partner_behaviour.are_startled(now))
+        now, goals = partner_behaviour.choose_goal_angles(
+            now, sight(offset, len(now.time_s)), offered, SEATED
+        )
+        moved = motor.set_goal_angles(moved, possible_for(people)(goals), partner_behaviour.are_startled(now))
         for _ in range(9):
-            moved = motor.advance(moved)
-        moved, shown = motor.next_targets_rad(moved, 1)
+            moved = motor.advance_motor_state(moved)
+        moved, shown = motor.next_joint_targets_rad(moved, 1)
         kept = vars(now)
     return Moved(
         **{**kept, "targets_rad": moved.angles_rad},
@@ -105,7 +107,7 @@ def sight(offset: tuple[float, ...] | np.ndarray, count: int) -> State:
 
 
 def possible_for(people: People):
-    return lambda angles: shoulder_limits.clip(impairments.clip_to_ranges(people, angles))
+    return lambda angles: shoulder_limits.clip_shoulders(impairments.clip_to_ranges(people, angles))
 
 
 # Who there is ------------------------------------------------------------------------------------------------
@@ -115,15 +117,15 @@ def test_the_held_out_zoo_has_at_least_625_partners():
     traits = np.stack([getattr(PARTNER_PARAMETERS, trait) for trait in PARAMETER_NAMES], axis=-1)
     zoo = np.array([partner.zoo for partner in PARTNERS])
     unseen = np.unique(traits[zoo == "zoo/unseen"], axis=0)
-    assert len(unseen) == len(ZOOS["zoo/unseen"]) >= 625
+    assert len(unseen) == len(ZOO_PARTNER_SETS["zoo/unseen"]) >= 625
     assert len(np.unique(traits, axis=0)) == len(PARTNERS)
 
 
 @pytest.mark.parametrize("trait", [trait for trait in PARAMETER_NAMES if trait != "tremor_hz"])
 def test_training_and_held_out_parameters_differ(trait):
-    values = {zoo: set[float]() for zoo in ZOOS}
+    values = {zoo: set[float]() for zoo in ZOO_PARTNER_SETS}
     for row, partner in enumerate(PARTNERS):
-        if any(trait in axis for axis in STYLES[partner.style].axes):
+        if any(trait in axis for axis in STYLES[partner.style].axis_ranges):
             values[partner.zoo].add(float(getattr(PARTNER_PARAMETERS, trait)[row].round(9)))
     assert values["zoo/train"]
     assert not values["zoo/train"] & values["zoo/unseen"]
@@ -139,7 +141,7 @@ def test_extreme_partners_are_outside_the_range_of_training():
     for row, partner in enumerate(PARTNERS):
         if partner.zoo != "zoo/extreme":
             continue
-        for axis in STYLES[partner.style].axes:
+        for axis in STYLES[partner.style].axis_ranges:
             for trait, ends in axis.items():
                 value, bounds = (
                     getattr(PARTNER_PARAMETERS, trait)[row],
@@ -152,27 +154,27 @@ def test_extreme_partners_are_outside_the_range_of_training():
 
 def test_style_parameters_stay_within_their_ranges():
     for style in STYLES.values():
-        moved = [trait for axis in style.axes for trait in axis]
+        moved = [trait for axis in style.axis_ranges for trait in axis]
         assert set(moved) <= set(PARAMETER_NAMES)
         assert len(set(moved)) == len(moved)
     for row, partner in enumerate(PARTNERS):
         if partner.zoo == "zoo/extreme":
             continue
-        for axis in STYLES[partner.style].axes:
+        for axis in STYLES[partner.style].axis_ranges:
             for trait, (first, last) in axis.items():
                 assert first - 1e-9 <= getattr(PARTNER_PARAMETERS, trait)[row] <= last + 1e-9
 
 
 def test_styles_and_their_partners_are_equally_likely(rng):
-    partners = ZOOS["zoo/unseen"].draw_rows(rng.random((60_000, 2)))
+    partners = ZOO_PARTNER_SETS["zoo/unseen"].draw_rows(rng.random((60_000, 2)))
     styles = [PARTNERS[row].style for row in partners]
     assert {PARTNERS[row].zoo for row in partners} == {"zoo/unseen"}
     for style in STYLES:
         assert styles.count(style) / len(styles) == pytest.approx(1.0 / len(STYLES), abs=0.01)
-    assert len(np.unique(partners)) == len(ZOOS["zoo/unseen"])
+    assert len(np.unique(partners)) == len(ZOO_PARTNER_SETS["zoo/unseen"])
 
 
-@pytest.mark.parametrize("name", [*ZOOS, "zoo/train/startled"])
+@pytest.mark.parametrize("name", [*ZOO_PARTNER_SETS, "zoo/train/startled"])
 def test_zoos_and_single_styles_have_names(name):
     found = distributions.find_distribution(name, TASKS)
     assert found.moving
@@ -194,49 +196,51 @@ def test_unknown_zoos_and_styles_list_the_names(name):
 
 def test_all_partners_start_at_rest_in_their_pose():
     people, mind = reset_episodes(ALL)
-    assert_array_equal(mind.targets_rad, mind.rest_rad)
-    assert np.abs(stepped(mind, people, FAR, 1).shown_rad - mind.rest_rad).max() < np.radians(0.6)
+    assert_array_equal(mind.joint_targets_rad, mind.initial_angles_rad)
+    assert np.abs(stepped(mind, people, FAR, 1).shown_rad - mind.initial_angles_rad).max() < np.radians(0.6)
 
 
 @pytest.mark.parametrize("style", ["cooperating", "startled", "talking", "weak"])
 def test_no_partner_reacts_before_the_reaction_time(style):
     partners = rows("zoo/unseen", style)
     people, mind = reset_episodes(partners, 0.0)
-    steps = np.floor(PARTNER_PARAMETERS.of(partners).reaction_s / CONTROL_STEP_S)
+    steps = np.floor(PARTNER_PARAMETERS.select_partners(partners).reaction_s / CONTROL_STEP_S)
     before = stepped(mind, people, NEAR, int(steps.min()) + 1)
-    assert_array_equal(before.targets_rad[:, WAIST_X], mind.rest_rad[:, WAIST_X])
+    assert_array_equal(before.joint_targets_rad[:, WAIST_X], mind.initial_angles_rad[:, WAIST_X])
     later = stepped(mind, people, NEAR, int(steps.max()) + 6)
-    assert (np.abs(later.targets_rad - mind.rest_rad).max(axis=-1) > 0.01).all()
+    assert (np.abs(later.joint_targets_rad - mind.initial_angles_rad).max(axis=-1) > 0.01).all()
 
 
 def test_still_partners_keep_their_pose():
     partners = rows("zoo/train", "still")
     people, mind = reset_episodes(partners)
-    assert_array_equal(stepped(mind, people, NEAR, 60).targets_rad, mind.rest_rad)
+    assert_array_equal(stepped(mind, people, NEAR, 60).joint_targets_rad, mind.initial_angles_rad)
 
 
 def test_cooperating_partners_lean_to_the_tool_and_averse_ones_away():
     for style, sign in (("cooperating", 1.0), ("averse", -1.0)):
         people, mind = reset_episodes(rows("zoo/unseen", style))
-        moved = stepped(mind, people, NEAR, 40).targets_rad - mind.rest_rad
+        moved = stepped(mind, people, NEAR, 40).joint_targets_rad - mind.initial_angles_rad
         assert (moved[:, WAIST_X] > np.radians(4.0)).all() == (sign > 0.0)
         assert (moved[:, WAIST_Y] > np.radians(1.5)).all() == (sign < 0.0)
-        back = stepped(stepped(mind, people, NEAR, 40), people, FAR, 60).targets_rad
-        assert_allclose(back[:, [WAIST_X, WAIST_Y]], mind.rest_rad[:, [WAIST_X, WAIST_Y]], atol=1e-6)
+        back = stepped(stepped(mind, people, NEAR, 40), people, FAR, 60).joint_targets_rad
+        assert_allclose(
+            back[:, [WAIST_X, WAIST_Y]], mind.initial_angles_rad[:, [WAIST_X, WAIST_Y]], atol=1e-6
+        )
 
 
 def test_hesitant_partners_wait_and_stop_half_way():
     partners = rows("zoo/unseen", "hesitant")
     people, mind = reset_episodes(partners)
-    goal = PARTNER_PARAMETERS.of(partners).approach_share * np.radians(10.0)
+    goal = PARTNER_PARAMETERS.select_partners(partners).approach_share * np.radians(10.0)
     leans, wait_s, reaction_s = (
         [],
-        PARTNER_PARAMETERS.of(partners).pause_s,
-        PARTNER_PARAMETERS.of(partners).reaction_s,
+        PARTNER_PARAMETERS.select_partners(partners).pause_s,
+        PARTNER_PARAMETERS.select_partners(partners).reaction_s,
     )
     for _ in range(80):
         mind = stepped(mind, people, NEAR, 1)
-        leans.append(mind.targets_rad[:, WAIST_X] - mind.rest_rad[:, WAIST_X])
+        leans.append(mind.joint_targets_rad[:, WAIST_X] - mind.initial_angles_rad[:, WAIST_X])
     leaned = np.array(leans)
     waited = (leaned < 1e-9).sum(axis=0) * CONTROL_STEP_S
     assert (waited >= wait_s).all()
@@ -254,10 +258,12 @@ def test_startled_partners_withdraw_return_and_habituate():
         extent = np.zeros(len(partners))
         for _ in range(12):
             mind = stepped(mind, people, NEAR, 1)
-            extent = np.maximum(extent, mind.targets_rad[:, WAIST_Y] - mind.rest_rad[:, WAIST_Y])
+            extent = np.maximum(
+                extent, mind.joint_targets_rad[:, WAIST_Y] - mind.initial_angles_rad[:, WAIST_Y]
+            )
         peaks.append(extent)
         mind = stepped(mind, people, FAR, 60)
-        assert_allclose(mind.targets_rad[:, WAIST_Y], mind.rest_rad[:, WAIST_Y], atol=1e-6)
+        assert_allclose(mind.joint_targets_rad[:, WAIST_Y], mind.initial_angles_rad[:, WAIST_Y], atol=1e-6)
     assert (peaks[0] > np.radians(3.0)).all()
     assert (peaks[1] < 0.6 * peaks[0]).all()
     assert (peaks[2] < 0.6 * peaks[1]).all()
@@ -266,7 +272,9 @@ def test_startled_partners_withdraw_return_and_habituate():
 def test_startled_and_averse_partners_withdraw_the_arm():
     for style in ("startled", "averse"):
         people, mind = reset_episodes(rows("zoo/train", style))
-        drawn = stepped(mind, people, (-0.2, 0.1, -0.35), 10, "arm").targets_rad - mind.rest_rad
+        drawn = (
+            stepped(mind, people, (-0.2, 0.1, -0.35), 10, "arm").joint_targets_rad - mind.initial_angles_rad
+        )
         assert (drawn[:, ELBOW] < -np.radians(2.0)).all()
 
 
@@ -276,7 +284,9 @@ def heads(style: str, steps: int = 200) -> np.ndarray:
     turned = []
     for _ in range(steps):
         mind = stepped(mind, people, (0.0, -0.9, 0.1), 1)
-        turned.append(np.degrees(mind.shown_rad - mind.rest_rad)[:, [HEAD_X, JOINT_INDEX["head_y"], HEAD_Z]])
+        turned.append(
+            np.degrees(mind.shown_rad - mind.initial_angles_rad)[:, [HEAD_X, JOINT_INDEX["head_y"], HEAD_Z]]
+        )
     return np.array(turned)
 
 
@@ -294,7 +304,7 @@ def test_chewing_partners_chew_at_their_frequency():
     back = heads("chewing", 100)[10:, :, 0]
     back -= back.mean(axis=0)
     crossings = (np.diff(np.sign(back), axis=0) > 0).sum(axis=0)
-    assert_allclose(crossings / 9.0, PARTNER_PARAMETERS.of(partners).chew_hz, atol=0.25)
+    assert_allclose(crossings / 9.0, PARTNER_PARAMETERS.select_partners(partners).chew_hz, atol=0.25)
 
 
 def test_restless_partners_shift_every_few_seconds():
@@ -303,10 +313,10 @@ def test_restless_partners_shift_every_few_seconds():
     waists = []
     for _ in range(200):
         mind = stepped(mind, people, FAR, 1)
-        waists.append(mind.targets_rad[:, WAIST_X : WAIST_X + 3])
+        waists.append(mind.joint_targets_rad[:, WAIST_X : WAIST_X + 3])
     moved = np.degrees(np.ptp(np.array(waists), axis=0))
-    assert (moved.max(axis=-1) > 0.5 * PARTNER_PARAMETERS.of(partners).shift_deg).all()
-    assert (moved <= 2.0 * PARTNER_PARAMETERS.of(partners).shift_deg[:, None] + 1e-9).all()
+    assert (moved.max(axis=-1) > 0.5 * PARTNER_PARAMETERS.select_partners(partners).shift_deg).all()
+    assert (moved <= 2.0 * PARTNER_PARAMETERS.select_partners(partners).shift_deg[:, None] + 1e-9).all()
 
 
 def test_styles_set_bodies_and_impairments_add_to_them(rng):
@@ -328,12 +338,12 @@ def test_joints_move_smoothly_between_control_steps():
     episodes = Episodes(FEEDING, 6, people="zoo/train/cooperating", num_threads=1)
     episodes.reset(np.arange(6), [np.random.default_rng(i) for i in range(6)])
     simulation = episodes.simulation
-    angles = [simulation.person_angles_rad()]
+    angles = [simulation.person_joint_angles_rad()]
     for _ in range(20):
-        episodes.command(np.zeros((6, 7)))
+        episodes.command_robots(np.zeros((6, 7)))
         for substep in range(10):
             episodes.step_physics(substep, 1)
-            angles.append(simulation.person_angles_rad())
+            angles.append(simulation.person_joint_angles_rad())
     acceleration = np.diff(np.array(angles), n=2, axis=0) / 0.01**2
     assert 1.0 < np.abs(acceleration).max() < 31.0
 

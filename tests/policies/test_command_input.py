@@ -8,14 +8,14 @@ import pytest
 from numpy.testing import assert_array_equal
 from onnx import TensorProto, helper, numpy_helper
 
-from avrgym.commands.preferences import CommandRules, apply_preferences
+from avrgym.commands.preferences import ConditionRules, apply_preferences
 from avrgym.commands.vocabulary import COMMAND_NAMES
 from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies import controllers, registry
-from avrgym.policies.onnx import find_onnx
-from avrgym.policies.registry import find
+from avrgym.policies.onnx import load_onnx_controller
+from avrgym.policies.registry import resolve_policy
 from avrgym.policies.trained import PolicyError
-from avrgym.safety.pacing import COMMAND_INPUT, NO_COMMAND
+from avrgym.safety.pacing import COMMAND_INPUT_ENTRIES, NO_COMMAND_INPUT
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import observation_and_action_size
 
@@ -32,11 +32,11 @@ class Obedient:
 
     def act(self, observation: dict[str, np.ndarray]) -> list[float]:
         """Returns the action for the latest command."""
-        return [observation[COMMAND_ENTRY][COMMAND_INPUT.index("ready")], 0, 0, 0, 0, 0, 0]
+        return [observation[COMMAND_ENTRY][COMMAND_INPUT_ENTRIES.index("ready")], 0, 0, 0, 0, 0, 0]
 
 
 def episodes(*, pacing: bool) -> Episodes:
-    rules = CommandRules(policy="obedient", commands=COMMAND_NAMES, sources=("key",), pacing=pacing)
+    rules = ConditionRules(policy="obedient", commands=COMMAND_NAMES, sources=("key",), pacing=pacing)
     made = Episodes(ENVIRONMENT, 1, num_threads=1, rules=apply_preferences(rules, None))
     made.reset(np.arange(1), [np.random.default_rng(0)])
     return made
@@ -46,7 +46,7 @@ def save_network(path: Path, size: int) -> None:
     """Save a network whose first action is the entry ``ready`` of its input ``command``."""
     observations, actions = observation_and_action_size(ENVIRONMENT)
     weight = np.zeros((size, actions))
-    weight[COMMAND_INPUT.index("ready"), 0] = 1.0
+    weight[COMMAND_INPUT_ENTRIES.index("ready"), 0] = 1.0
     nodes = [
         helper.make_node("MatMul", ["observation", "zeros"], ["still"]),
         helper.make_node("MatMul", [COMMAND_ENTRY, "weight"], ["moves"]),
@@ -69,18 +69,18 @@ def save_network(path: Path, size: int) -> None:
 
 @pytest.mark.parametrize("kind", ["python", "onnx"])
 def test_controllers_receive_the_latest_command(kind: str, tmp_path: Path) -> None:
-    save_network(tmp_path / "obedient.onnx", len(COMMAND_INPUT))
+    save_network(tmp_path / "obedient.onnx", len(COMMAND_INPUT_ENTRIES))
     name = f"{__name__}:Obedient" if kind == "python" else str(tmp_path / "obedient.onnx")
-    policy = find(name, ENVIRONMENT)
+    policy = resolve_policy(name, ENVIRONMENT)
     assert isinstance(policy, controllers.ExternalController)
     assert policy.takes_commands
     world = episodes(pacing=False)
     (before,) = registry.controller_observations(policy, world, world.observe())
-    world.loop.take_command("ready")
+    world.control_loop.apply_command("ready")
     (after,) = registry.controller_observations(policy, world, world.observe())
     assert isinstance(before, dict)
     assert isinstance(after, dict)
-    assert_array_equal(before[COMMAND_ENTRY], NO_COMMAND)
+    assert_array_equal(before[COMMAND_ENTRY], NO_COMMAND_INPUT)
     assert_array_equal(after[STATE_ENTRY], before[STATE_ENTRY])
     controller = policy.make()
     assert controllers.act(controller, before, 7)[0] == 0.0
@@ -90,14 +90,14 @@ def test_controllers_receive_the_latest_command(kind: str, tmp_path: Path) -> No
 def test_without_the_layer_only_stop_changes_actions() -> None:
     world = episodes(pacing=False)
     action = np.full((1, 7), 0.4)
-    assert not world.loop.take_command("slower").any()
+    assert not world.control_loop.apply_command("slower").any()
     assert_array_equal(world.step(action).executed_action, action)
-    assert world.loop.take_command("stop").all()
+    assert world.control_loop.apply_command("stop").all()
     assert_array_equal(world.step(action).executed_action, np.zeros((1, 7)))
 
 
 def test_an_input_of_another_size_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "wrong.onnx"
-    save_network(path, len(COMMAND_INPUT) + 1)
-    with pytest.raises(PolicyError, match=rf"takes one command .* \({len(COMMAND_INPUT)},\)"):
-        find_onnx(path, ENVIRONMENT, *observation_and_action_size(ENVIRONMENT))
+    save_network(path, len(COMMAND_INPUT_ENTRIES) + 1)
+    with pytest.raises(PolicyError, match=rf"takes one command .* \({len(COMMAND_INPUT_ENTRIES)},\)"):
+        load_onnx_controller(path, ENVIRONMENT, *observation_and_action_size(ENVIRONMENT))

@@ -16,7 +16,7 @@ from avrgym.learning import evaluation
 from avrgym.learning.evaluation import evaluate, evaluate_all
 from avrgym.policies import controllers
 from avrgym.policies.controllers import ControllerError, ExternalController
-from avrgym.policies.registry import find
+from avrgym.policies.registry import resolve_policy
 from avrgym.policies.trained import Policy, PolicyError
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.recording.schema import Control
@@ -101,11 +101,11 @@ def live(folder: Path, plan: SessionPlan, workers: ThreadPoolExecutor) -> LiveVi
 
 
 def steps_of(recording: Recording) -> list[Control]:
-    return [step for _, step in recording.topics["/control"]]
+    return [step for _, step in recording.messages_by_topic["/control"]]
 
 
 def events_of(recording: Recording) -> list[tuple[str, str]]:
-    named = [(event.name, event.detail) for _, event in recording.topics["/events"]]
+    named = [(event.name, event.detail) for _, event in recording.messages_by_topic["/events"]]
     return [each for each in named if each[0].startswith("controller")]
 
 
@@ -182,7 +182,7 @@ def test_a_controller_without_answer_does_not_block_simulated_time(
 def test_a_late_action_is_dropped(tmp_path: Path, workers: ThreadPoolExecutor) -> None:
     visit = live(tmp_path, driven_by("Slow"), workers)
     (recording,) = completed(visit)
-    actions = {command.action[0] for _, command in recording.topics["/commands"]}
+    actions = {command.action[0] for _, command in recording.messages_by_topic["/commands"]}
     assert actions == {0.5, 0.0}, "what came after a quarter of a second would have been -0.5"
     assert ("controller_failed", "late: no answer within 80 ms") in events_of(recording)
     assert verify(recording).identical
@@ -214,7 +214,7 @@ def test_results_follow_from_the_seed_alone(monkeypatch: pytest.MonkeyPatch) -> 
     assert first == evaluate_all([ENVIRONMENT], noisy, "original", 3, 0, jobs=2)[0]
     assert first == replace(evaluate(ENVIRONMENT, ready, "original", 3, 0), policy=noisy)
     assert first != evaluate(ENVIRONMENT, noisy, "original", 3, 1)
-    monkeypatch.setattr(evaluation, "MAX_WORLDS", 2)
+    monkeypatch.setattr(evaluation, "MAX_WORLDS_PER_BATCH", 2)
     assert first == evaluate(ENVIRONMENT, noisy, "original", 3, 0)
 
 
@@ -257,7 +257,7 @@ def test_a_failure_ends_an_evaluation_in_one_line() -> None:
 )  # fmt: skip
 def test_unsuitable_controllers_are_refused_in_one_line(name: str, words: str) -> None:
     with pytest.raises(PolicyError) as refused:
-        find(name, ENVIRONMENT)
+        resolve_policy(name, ENVIRONMENT)
     assert words in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
@@ -266,15 +266,15 @@ def test_unsuitable_controllers_are_refused_in_one_line(name: str, words: str) -
 @pytest.mark.parametrize("rows", [1, None, "N"])
 def test_a_packaged_policy_as_onnx_acts_the_same(tmp_path: Path, policy: str, rows: int | str | None) -> None:
     """Its mean action, to 1e-6: one row or several at a time, single precision or double."""
-    packaged = find(policy, ENVIRONMENT)
+    packaged = resolve_policy(policy, ENVIRONMENT)
     assert isinstance(packaged, Policy)
     rng = np.random.default_rng(0)
     observations = rng.normal(packaged.observation_mean, np.sqrt(packaged.observation_variance), (50, 25))
-    expected = np.clip(packaged.mean(observations), -1, 1)
+    expected = np.clip(packaged.mean_actions(observations), -1, 1)
     for double, tolerance in ((True, 1e-6), (False, 2e-4)):
         path = tmp_path / f"{double}.onnx"
         save_onnx(packaged, path, rows, double=double)
-        found = find(str(path), ENVIRONMENT)
+        found = resolve_policy(str(path), ENVIRONMENT)
         assert isinstance(found, ExternalController)
         actions = [controllers.act(found.make(), observation, 7) for observation in observations]
         np.testing.assert_allclose(actions, expected, rtol=0, atol=tolerance)
@@ -297,10 +297,10 @@ def test_unsuitable_onnx_files_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "net.onnx"
     save_onnx(constant_policy("avrgym/BedBathingJaco-v1"), path, 1, double=False)
     with pytest.raises(PolicyError, match=r"takes one input of float or double, of shape \(25,\), \(1, 25\)"):
-        find(str(path), ENVIRONMENT)
+        resolve_policy(str(path), ENVIRONMENT)
     path.write_bytes(path.read_bytes()[:100])
     with pytest.raises(PolicyError, match=r"net\.onnx: not a readable \.onnx file"):
-        find(str(path), ENVIRONMENT)
+        resolve_policy(str(path), ENVIRONMENT)
 
 
 OBJECTS = """
@@ -356,13 +356,13 @@ def test_a_class_an_instance_a_factory_and_a_function_drive_alike(
         "COMPUTE",
         "CALLABLE",
     ):
-        found = find(f"kinds_of_objects:{attribute}", ENVIRONMENT)
+        found = resolve_policy(f"kinds_of_objects:{attribute}", ENVIRONMENT)
         assert isinstance(found, ExternalController)
         controller = found.make()
         controllers.reset(controller, 1, ENVIRONMENT)
         np.testing.assert_array_equal(controllers.act(controller, observation, 7), expected)
     with pytest.raises(PolicyError, match=r"kinds_of_objects:two: cannot be created \(TypeError"):
-        find("kinds_of_objects:two", ENVIRONMENT)
+        resolve_policy("kinds_of_objects:two", ENVIRONMENT)
 
 
 @pytest.mark.slow
@@ -411,19 +411,19 @@ def test_a_study_takes_controllers_of_all_kinds(tmp_path: Path) -> None:
 
 
 def test_a_broken_plugin_does_not_affect_others(monkeypatch: pytest.MonkeyPatch) -> None:
-    group = plugins.CONTROLLERS
+    group = plugins.CONTROLLER_GROUP
     found = [
         EntryPoint("calm", "helpers.learning.failing_controllers:Steady", group),
         EntryPoint("broken", "no_such_module:Thing", group),
     ]
     monkeypatch.setattr(plugins, "entry_points_of", lambda group: found)
-    assert find("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
+    assert resolve_policy("calm", ENVIRONMENT).name == "calm"  # type: ignore[union-attr]
     with pytest.raises(
         PolicyError, match=r"broken = no_such_module:Thing: cannot be imported \(ModuleNotFound"
     ):
-        find("broken", ENVIRONMENT)
+        resolve_policy("broken", ENVIRONMENT)
     with pytest.raises(PolicyError, match="zero, calm, broken, FILE"):
-        find("nobody", ENVIRONMENT)
+        resolve_policy("nobody", ENVIRONMENT)
     listed = CliRunner().invoke(app, ["envs"])
     assert "skipped broken = no_such_module:Thing: cannot be imported (ModuleNotFoundError" in listed.output
     assert listed.output.count("skipped") == 1

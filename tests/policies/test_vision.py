@@ -10,8 +10,8 @@ import torch
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.array_types import FloatArray
-from avrgym.learning.visual_network import VisualNetwork
-from avrgym.networks.vision import network_input
+from avrgym.learning.visual_network import TrainableVisionNetwork
+from avrgym.networks.vision import vision_input
 from avrgym.policies import registry
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError, load_policy
@@ -26,45 +26,47 @@ ESTIMATED = [7, 8, 9, *range(17, 25)]
 
 
 @pytest.fixture(scope="module")
-def network() -> VisualNetwork:
+def network() -> TrainableVisionNetwork:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(0)
-        return VisualNetwork(load_policy("revised", FEEDING, *SIZES), ESTIMATED, (64, 64, 1))
+        return TrainableVisionNetwork(load_policy("revised", FEEDING, *SIZES), ESTIMATED, (64, 64, 1))
 
 
 @pytest.fixture(scope="module")
-def policy(network: VisualNetwork) -> Policy:
+def policy(network: TrainableVisionNetwork) -> Policy:
     teacher = load_policy("revised", FEEDING, *SIZES)
     metadata: Any = type(teacher.metadata)(
         environment=FEEDING, people="revised", steps=1, seed=0, camera=CAMERA
     )
-    return replace(teacher, metadata=metadata, vision=network.vision())
+    return replace(teacher, metadata=metadata, vision=network.numpy_network())
 
 
 @pytest.fixture
 def observed(rng: np.random.Generator, policy: Policy) -> tuple[FloatArray, FloatArray]:
     """Observations (4, O) and images (4, 64, 64, 1)."""
     rows = policy.observation_mean + rng.normal(size=(4, 25)) * np.sqrt(policy.observation_variance)
-    return rows, network_input({"depth": rng.uniform(0.1, 2.0, (4, 64, 64)).astype(np.float32)})
+    return rows, vision_input({"depth": rng.uniform(0.1, 2.0, (4, 64, 64)).astype(np.float32)})
 
 
-def test_the_network_in_numpy_computes_that_in_pytorch(network: VisualNetwork, policy: Policy, observed: Any):
+def test_the_network_in_numpy_computes_that_in_pytorch(
+    network: TrainableVisionNetwork, policy: Policy, observed: Any
+):
     rows, image = observed
-    actions, _ = policy.step(rows, np.zeros((4, 0)), image)
-    normalised = torch.as_tensor(policy.normalise(rows), dtype=torch.float32)
+    actions, _ = policy.forward(rows, np.zeros((4, 0)), image)
+    normalised = torch.as_tensor(policy.normalise_observations(rows), dtype=torch.float32)
     with torch.no_grad():
         estimates = network(torch.as_tensor(image, dtype=torch.float32).permute(0, 3, 1, 2), normalised)
-        assert_allclose(actions, network.actions(normalised, estimates), atol=1e-4)
+        assert_allclose(actions, network.teacher_actions(normalised, estimates), atol=1e-4)
 
 
 def test_actions_depend_on_the_image_and_not_on_what_is_estimated(policy: Policy, observed: Any):
     rows, image = observed
-    actions, _ = policy.step(rows, np.zeros((4, 0)), image)
+    actions, _ = policy.forward(rows, np.zeros((4, 0)), image)
     others = rows.copy()
     others[:, ESTIMATED] = 3.0
-    assert_array_equal(policy.step(others, np.zeros((4, 0)), image)[0], actions)
-    assert_array_equal(policy.step(rows[1:2], np.zeros((1, 0)), image[1:2])[0], actions[1:2])
-    assert (policy.step(rows, np.zeros((4, 0)), 1.0 - image)[0] != actions).any()
+    assert_array_equal(policy.forward(others, np.zeros((4, 0)), image)[0], actions)
+    assert_array_equal(policy.forward(rows[1:2], np.zeros((1, 0)), image[1:2])[0], actions[1:2])
+    assert (policy.forward(rows, np.zeros((4, 0)), 1.0 - image)[0] != actions).any()
 
 
 def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Policy, observed: Any):
@@ -73,10 +75,10 @@ def test_a_file_of_a_policy_with_vision_reads_back(tmp_path: Path, policy: Polic
     assert read.metadata == policy.metadata
     assert read.digest == policy.digest
     rows, image = observed
-    again, expected = (each.step(rows, np.zeros((4, 0)), image)[0] for each in (read, policy))
+    again, expected = (each.forward(rows, np.zeros((4, 0)), image)[0] for each in (read, policy))
     assert_array_equal(again, expected)
     with pytest.raises(PolicyError, match=f"pass images of the camera {CAMERA}"):
-        read.step(rows, np.zeros((4, 0)))
+        read.forward(rows, np.zeros((4, 0)))
 
 
 @pytest.mark.parametrize(
@@ -148,7 +150,7 @@ def test_a_controller_with_an_unknown_camera_is_refused(tmp_path: Path, monkeypa
     with pytest.raises(
         PolicyError, match=r"cannot be used in .*: unknown camera 'eye' of robot Jaco; allowed: wrist, scene"
     ):
-        registry.find("odd_cameras:Odd", FEEDING)
+        registry.resolve_policy("odd_cameras:Odd", FEEDING)
 
 
 @needs_graphics
@@ -162,7 +164,7 @@ def test_a_driver_of_a_live_world_shows_its_controller_the_images():
     observation = world.reset(np.arange(1), generators)
     driver.reset(world, generators)
     assert_array_equal(driver.act(observation), np.zeros((1, 7)))
-    assert driver.failure == ""
+    assert driver.failure_message == ""
     (seen,) = looking.seen
     assert_array_equal(
         seen["scene_rgb"],

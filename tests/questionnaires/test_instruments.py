@@ -28,23 +28,23 @@ def answers(instrument: Instrument, value: int, **others: int) -> dict[str, int]
 
 @every_scale
 def test_a_score_lies_between_ends_that_answers_reach(instrument: Instrument, scale: Scale) -> None:
-    name, backwards = scale.name, scale.reversed
-    most = instrument.response.points
+    name, backwards = scale.name, scale.reversed_items
+    most = instrument.response_scale.points
     lowest = answers(instrument, 1) | dict.fromkeys(backwards, most)
     highest = answers(instrument, most) | dict.fromkeys(backwards, 1)
-    found = [instrument.score(given)[name] for given in (lowest, highest)]
-    assert found == list(instrument.range_of(name))
+    found = [instrument.compute_scores(given)[name] for given in (lowest, highest)]
+    assert found == list(instrument.score_range(name))
 
 
 @every_scale
 def test_each_item_moves_its_scale_and_a_reversed_one_the_other_way(
     instrument: Instrument, scale: Scale
 ) -> None:
-    name, own, backwards = scale.name, scale.items, scale.reversed
-    lower = instrument.score(answers(instrument, 1))[name]
+    name, own, backwards = scale.name, scale.items, scale.reversed_items
+    lower = instrument.compute_scores(answers(instrument, 1))[name]
     assert lower is not None
     for item in instrument.items:
-        higher = instrument.score(answers(instrument, 1, **{item.id: 2}))[name]
+        higher = instrument.compute_scores(answers(instrument, 1, **{item.id: 2}))[name]
         assert higher is not None
         direction = (higher > lower) - (higher < lower)
         assert direction == (0 if item.id not in own else -1 if item.id in backwards else 1)
@@ -54,22 +54,22 @@ def test_each_item_moves_its_scale_and_a_reversed_one_the_other_way(
 def test_a_missing_answer_leaves_no_score_or_counts_as_the_centre(instrument: Instrument) -> None:
     for item in instrument.items:
         rest = {key: value for key, value in answers(instrument, 1).items() if key != item.id}
-        for scale, score in instrument.score(rest).items():
-            if item.id in instrument.items_of(scale) and instrument.missing == "no score":
+        for scale, score in instrument.compute_scores(rest).items():
+            if item.id in instrument.items_of(scale) and instrument.missing_answer_rule == "no score":
                 assert score is None
-            elif instrument.weighting is None or scale != instrument.weighting.scale:
+            elif instrument.weighting is None or scale != instrument.weighting.scale_name:
                 assert score is not None
-    assert set(instrument.score({}).values()) == {None}
+    assert set(instrument.compute_scores({}).values()) == {None}
 
 
 @every_instrument
 def test_what_no_item_allows_is_refused(instrument: Instrument) -> None:
-    first, points = instrument.items[0].id, instrument.response.points
+    first, points = instrument.items[0].id, instrument.response_scale.points
     with pytest.raises(ValueError, match=f"has no item 'other'; allowed: {first}"):
-        instrument.score({"other": 1})
+        instrument.compute_scores({"other": 1})
     for value in (0, points + 1):
         with pytest.raises(ValueError, match=f"allowed: integers from 1 to {points}"):
-            instrument.score({first: value})
+            instrument.compute_scores({first: value})
 
 
 @every_instrument
@@ -79,12 +79,12 @@ def test_a_record_says_where_it_comes_from_and_every_item_is_scored(instrument: 
     items = [item.id for item in instrument.items]
     assert len(set(items)) == len(items)
     assert {item for scale in instrument.scales for item in scale.items} == set(items)
-    assert all(bool(item.text) != bool(instrument.texts) for item in instrument.items)
+    assert all(bool(item.text) != bool(instrument.texts_source) for item in instrument.items)
     for item in instrument.items:
-        assert len(item.labels) in (0, instrument.response.points)
+        assert len(item.labels) in (0, instrument.response_scale.points)
         if item.text:
-            assert item.low
-            assert item.high
+            assert item.low_label
+            assert item.high_label
 
 
 # Published examples
@@ -93,13 +93,15 @@ def test_a_record_says_where_it_comes_from_and_every_item_is_scored(instrument: 
 def test_sus_as_in_brookes_example() -> None:
     """Brooke (1996), the filled-in form: contributions of 22 in all, a score of 55."""
     given = dict(zip([item.id for item in SUS.items], (5, 4, 2, 1, 2, 3, 2, 4, 5, 2), strict=True))
-    assert SUS.score(given) == {"usability": 55.0}
-    assert SUS.score({key: value for key, value in given.items() if key != "sus_1"}) == {"usability": 50.0}
+    assert SUS.compute_scores(given) == {"usability": 55.0}
+    assert SUS.compute_scores({key: value for key, value in given.items() if key != "sus_1"}) == {
+        "usability": 50.0
+    }
 
 
 def test_ssq_reaches_the_highest_scores_that_were_published() -> None:
     """Bimberg, Weissker and Kulik (2020), doi:10.1109/VRW50115.2020.00098."""
-    assert SSQ.score(answers(SSQ, 4)) == {
+    assert SSQ.compute_scores(answers(SSQ, 4)) == {
         "nausea": 200.34,
         "oculomotor": 159.18,
         "disorientation": 292.32,
@@ -109,28 +111,28 @@ def test_ssq_reaches_the_highest_scores_that_were_published() -> None:
 
 def test_ssq_weighs_symptoms_as_kennedy_and_others_do() -> None:
     """Kennedy et al. (1993), table 5: a symptom counts in one or two factors, the total is of all three."""
-    nausea = SSQ.score(answers(SSQ, 1, ssq_nausea=3))
+    nausea = SSQ.compute_scores(answers(SSQ, 1, ssq_nausea=3))
     assert nausea == {"nausea": 19.08, "oculomotor": 0, "disorientation": 27.84, "total": 14.96}
-    burping = SSQ.score(answers(SSQ, 1, ssq_burping=2))
+    burping = SSQ.compute_scores(answers(SSQ, 1, ssq_burping=2))
     assert burping == {"nausea": 9.54, "oculomotor": 0, "disorientation": 0, "total": 3.74}
 
 
 def test_csq_vr_goes_from_6_to_42() -> None:
     """Kourtesis et al. (2023): pairs of items from 2 to 14, all six from 6 to 42."""
-    assert CSQ_VR.range_of("total") == (6, 42)
-    assert {CSQ_VR.range_of(scale) for scale in ("nausea", "vestibular", "oculomotor")} == {(2, 14)}
+    assert CSQ_VR.score_range("total") == (6, 42)
+    assert {CSQ_VR.score_range(scale) for scale in ("nausea", "vestibular", "oculomotor")} == {(2, 14)}
 
 
 def test_ipq_and_trust_turn_the_items_that_their_authors_turn() -> None:
     """igroup.org: SP2, INV3 and REAL1; Jian et al. (2000): the first five statements are about distrust."""
-    assert IPQ.score(answers(IPQ, 1)) == {
+    assert IPQ.compute_scores(answers(IPQ, 1)) == {
         "general": 0.0,
         "spatial": pytest.approx(6 / 5),
         "involvement": 1.5,
         "realism": 1.5,
     }
     distrust = {f"trust_{number}": 7 if number <= 5 else 1 for number in range(1, 13)}
-    assert JIAN_TRUST.score(distrust) == {"trust": 1.0}
+    assert JIAN_TRUST.compute_scores(distrust) == {"trust": 1.0}
 
 
 # NASA-TLX
@@ -147,15 +149,15 @@ def test_raw_workload_is_the_mean_and_weighted_workload_divides_by_fifteen() -> 
         "frustration": 40,
     }
     given = {f"tlx_{factor}": 1 + rating // 5 for factor, rating in ratings.items()}
-    scores = NASA_TLX.score(given, WEIGHTS)
+    scores = NASA_TLX.compute_scores(given, WEIGHTS)
     assert scores["raw"] == pytest.approx(215 / 6)
     assert scores["weighted"] == pytest.approx((90 + 0 + 300 + 40 + 90 + 120) / 15)
     assert {factor: scores[factor] for factor in FACTORS} == ratings
-    assert NASA_TLX.score(given)["weighted"] is None
+    assert NASA_TLX.compute_scores(given)["weighted"] is None
 
 
 def test_equal_ratings_give_themselves_whatever_the_weights() -> None:
-    scores = NASA_TLX.score(answers(NASA_TLX, 8), WEIGHTS)
+    scores = NASA_TLX.compute_scores(answers(NASA_TLX, 8), WEIGHTS)
     assert scores["weighted"] == scores["raw"] == 35
 
 
@@ -167,7 +169,7 @@ def test_weights_count_how_often_a_factor_was_chosen_and_always_add_up() -> None
     for seed in range(20):
         given = {item.id: 1 + (seed * 7 + place * place) % 2 for place, item in enumerate(weights.items)}
         chosen = [pair[value - 1] for pair, value in zip(pairs, given.values(), strict=True)]
-        scores = weights.score(given)
+        scores = weights.compute_scores(given)
         assert scores == {factor: chosen.count(factor) for factor in FACTORS}
         check_weights(NASA_TLX.weighting, {name: round(value or 0) for name, value in scores.items()})
 
@@ -182,4 +184,4 @@ def test_weights_count_how_often_a_factor_was_chosen_and_always_add_up() -> None
 )
 def test_other_weights_are_refused(changed: dict[str, int], words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        NASA_TLX.score(answers(NASA_TLX, 1), WEIGHTS | changed)
+        NASA_TLX.compute_scores(answers(NASA_TLX, 1), WEIGHTS | changed)

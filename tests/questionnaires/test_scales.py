@@ -3,7 +3,7 @@
 import pytest
 
 from avrgym.questionnaires.instrument import Instrument, Scale
-from avrgym.questionnaires.questionnaire import Item, Questionnaire, translate
+from avrgym.questionnaires.questionnaire import Item, Questionnaire, translate_items
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.texts.interface_texts import included_languages, read_texts
@@ -25,9 +25,10 @@ SCALES = [(each, scale) for each in INSTRUMENTS.values() for scale in each.scale
 
 def asked(instrument: Instrument) -> Questionnaire:
     """An instrument as a design asks it."""
-    points = instrument.response.points
+    points = instrument.response_scale.points
     items = tuple(
-        Item(item.id, item.text or "?", points, item.low, item.high, item.labels) for item in instrument.items
+        Item(item.id, item.text or "?", points, item.low_label, item.high_label, item.labels)
+        for item in instrument.items
     )
     return Questionnaire(instrument.name, "after_trial", items, use=instrument.name)
 
@@ -38,12 +39,12 @@ def test_items_are_on_their_instruments_published_scale_in_every_language(
     instrument: Instrument, language: str
 ) -> None:
     questionnaire = asked(instrument)
-    for item in translate(questionnaire.items, read_texts(language)):
+    for item in translate_items(questionnaire.items, read_texts(language)):
         scale = questionnaire.scale_of(item)
         shown = [scale.scale_value(answer) for answer in range(1, item.points + 1)]
         assert shown == PUBLISHED[instrument.name] == list(scale.values)
-        assert (scale.lowest, scale.highest) == (shown[0], shown[-1])
-        assert scale.middle == (shown[0] + shown[-1]) / 2
+        assert (scale.lowest_value, scale.highest_value) == (shown[0], shown[-1])
+        assert scale.middle_value == (shown[0] + shown[-1]) / 2
 
 
 @pytest.mark.parametrize(
@@ -54,12 +55,12 @@ def test_scores_follow_from_the_items_as_shown(instrument: Instrument, scale: Sc
     shown = PUBLISHED[instrument.name]
     answers = {item.id: 1 + 3 * number % len(shown) for number, item in enumerate(instrument.items)}
     values = [
-        scale.offset + (shown[0] + shown[-1] - value if item in scale.reversed else value)
+        scale.item_offset + (shown[0] + shown[-1] - value if item in scale.reversed_items else value)
         for item in scale.items
         for value in (shown[answers[item] - 1],)
     ]
-    expected = scale.factor * sum(values) / (len(values) if scale.of == "mean" else 1)
-    assert instrument.score(answers)[scale.name] == pytest.approx(expected)
+    expected = scale.factor * sum(values) / (len(values) if scale.function == "mean" else 1)
+    assert instrument.compute_scores(answers)[scale.name] == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -94,5 +95,5 @@ def test_a_stop_rule_names_the_answer_on_its_scale() -> None:
     rules = StopRules((StopRule("ipq_g1", 4.0, "pause"),), (questionnaire,))
     decision = rules.decide("ipq_g1", 5)
     assert decision is not None
-    assert "was answered '4 of 6'; the limit of its stop rule is 4" in decision.why
+    assert "was answered '4 of 6'; the limit of its stop rule is 4" in decision.reason
     assert rules.decide("ipq_g1", 4) is None

@@ -128,7 +128,7 @@ def test_a_closed_recording_reads_back_whole(tmp_path):
     written = write_trial(path)
     read = read_recording(path)
     assert (read.configuration, read.outcome, read.complete) == (CONFIGURATION, OUTCOME, True)
-    assert read.topics == written
+    assert read.messages_by_topic == written
 
 
 def test_other_readers_of_mcap_find_the_schemas_the_messages_and_the_metadata(tmp_path):
@@ -161,7 +161,7 @@ def test_without_an_outcome_the_trial_is_incomplete(tmp_path):
     written = write_trial(path, outcome=None)
     read = read_recording(path)
     assert (read.complete, read.outcome) == (False, None)
-    assert read.topics == written
+    assert read.messages_by_topic == written
 
 
 def test_closing_twice_changes_nothing_and_a_late_record_is_refused(tmp_path):
@@ -193,7 +193,7 @@ def test_a_recording_whose_messages_are_not_numbered_reads_whole(tmp_path, monke
     written = write_trial(path)
     read = read_recording(path)
     assert read.complete
-    assert read.topics == written
+    assert read.messages_by_topic == written
 
 
 @pytest.mark.slow
@@ -214,13 +214,13 @@ def test_a_file_cut_anywhere_gives_a_prefix(tmp_path, small_chunks):
         assert not read.complete
         assert read.configuration == CONFIGURATION
         assert_begins(read, written)
-        lengths.add(len(read.topics["/physics"]))
+        lengths.add(len(read.messages_by_topic["/physics"]))
     assert len(lengths) > 3
 
 
 def assert_begins(read: Recording, written) -> None:
     """What was read of each topic is what was written first."""
-    for topic, messages in read.topics.items():
+    for topic, messages in read.messages_by_topic.items():
         assert messages == written[topic][: len(messages)]
 
 
@@ -269,7 +269,7 @@ def test_a_message_outside_of_a_chunk_ends_the_reading(tmp_path, small_chunks):
     path.write_bytes(content)
     read = read_recording(path)
     assert not read.complete
-    assert 0 < sum(map(len, read.topics.values())) < sum(map(len, written.values()))
+    assert 0 < sum(map(len, read.messages_by_topic.values())) < sum(map(len, written.values()))
     assert_begins(read, written)
 
 
@@ -337,7 +337,7 @@ def test_a_killed_process_loses_at_most_the_last_second(tmp_path):
         killed_at_ns = time.monotonic_ns()
         child.kill()
     read = read_recording(tmp_path / "trial.mcap")
-    physics = read.topics["/physics"]
+    physics = read.messages_by_topic["/physics"]
     assert not read.complete
     assert_steps_are_whole(physics)
     assert killed_at_ns - physics[-1][0] < 1_000_000_000
@@ -352,8 +352,8 @@ def test_a_full_disk_raises_an_alarm_within_a_second_and_never_completes(tmp_pat
     assert "not complete" in message
     read = read_recording(tmp_path / "trial.mcap")
     assert not read.complete
-    assert_steps_are_whole(read.topics["/physics"])
-    assert len(read.topics["/physics"]) > 5
+    assert_steps_are_whole(read.messages_by_topic["/physics"])
+    assert len(read.messages_by_topic["/physics"]) > 5
 
 
 @pytest.fixture
@@ -374,15 +374,15 @@ def stalled_disk(monkeypatch):
 def test_a_stall_raises_an_alarm_within_a_second_and_may_pass(tmp_path, stalled_disk):
     writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/answers", 0, RECORDS["/answers"])
-    assert writer.error is None
+    assert writer.disk_error is None
     began = time.monotonic()
-    while writer.error is None and time.monotonic() - began < 5:
+    while writer.disk_error is None and time.monotonic() - began < 5:
         time.sleep(0.01)
     assert time.monotonic() - began < 1
-    assert isinstance(writer.error, TimeoutError)
+    assert isinstance(writer.disk_error, TimeoutError)
     stalled_disk.set()
     writer.close(OUTCOME)
-    assert writer.error is None
+    assert writer.disk_error is None
     assert read_recording(tmp_path / "trial.mcap").complete
 
 
@@ -392,13 +392,13 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
     writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     for step in range(500):
         writer.write("/physics", step, Physics(step, 0.0, []))
-    assert isinstance(writer.error, RecordingError)
+    assert isinstance(writer.disk_error, RecordingError)
     stalled_disk.set()
     with pytest.raises(RecordingError, match=r"not complete: .* a record was lost"):
         writer.close(OUTCOME)
     read = read_recording(tmp_path / "trial.mcap")
     assert not read.complete
-    assert_steps_are_whole(read.topics["/physics"])
+    assert_steps_are_whole(read.messages_by_topic["/physics"])
 
 
 def test_a_disk_that_never_takes_the_data_does_not_hold_up_the_close(tmp_path, stalled_disk, monkeypatch):
@@ -426,7 +426,7 @@ def test_data_that_are_not_safely_on_disk_are_never_complete(tmp_path, monkeypat
         write_trial(path)
     read = read_recording(path)
     assert (read.complete, read.outcome) == (False, None)
-    assert len(read.topics["/physics"]) == 40
+    assert len(read.messages_by_topic["/physics"]) == 40
 
 
 def test_a_record_that_is_not_plain_data_is_a_failure(tmp_path):

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.recording.streams import GAP_INTERVALS, MAX_LEAD_S, sample_times, stream_quality
-from avrgym.study.export.physio import corrected_text_streams, recorded_series, text_events
+from avrgym.recording.streams import MAX_CLOCK_LEAD_S, MIN_GAP_INTERVALS, correct_sample_times, stream_quality
+from avrgym.study.export.physio import recorded_series, text_events, text_stream_corrections
 
 RATES_HZ = st.sampled_from([1.0, 10.0, 50.0, 100.0, 512.0])
 JUMPS_S = st.one_of(st.floats(0.6, 2.0), st.floats(2.0, 400_000.0)).flatmap(
@@ -55,8 +55,8 @@ def streams(draw: st.DrawFn) -> tuple[float, FloatArray, FloatArray, list[str], 
     for what in pieces:
         step_s = 1.0 / rate_hz
         if what == "gap":
-            step_s *= draw(st.floats(GAP_INTERVALS + 2.0, 20.0))
-            step_s = max(step_s, 2.0 * MAX_LEAD_S)
+            step_s *= draw(st.floats(MIN_GAP_INTERVALS + 2.0, 20.0))
+            step_s = max(step_s, 2.0 * MAX_CLOCK_LEAD_S)
         else:
             ahead_s += draw(JUMPS_S) * max(1.0, 12.0 / rate_hz)
         start_s = taken[-1][-1] + step_s
@@ -74,7 +74,7 @@ def test_jumps_are_told_apart_from_gaps_and_times_are_those_of_the_samples(
     drawn: tuple[float, FloatArray, FloatArray, list[str], list[Any]],
 ) -> None:
     rate_hz, taken_s, clock_s, happened, chunks = drawn
-    found = sample_times(chunks, rate_hz)
+    found = correct_sample_times(chunks, rate_hz)
     assert (np.diff(found.time_s) >= 0.0).all()
     assert len(found.resets) == happened.count("jump")
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=1e-6)
@@ -97,7 +97,7 @@ def test_whatever_a_device_sends_times_never_decrease(
         (round(1e9 * at_s), StreamSamples("heart", 0.0, part.tolist(), [[0.0]] * len(part)))
         for at_s, part in zip(sorted(arrivals), parts, strict=True)
     ]
-    found = sample_times(chunks, rate_hz)
+    found = correct_sample_times(chunks, rate_hz)
     assert len(found.time_s) == len(times)
     assert np.isfinite(found.time_s).all()
     assert (np.diff(found.time_s) >= 0.0).all()
@@ -108,26 +108,26 @@ def test_marks_at_any_time_are_put_where_they_arrived(jump_s: float) -> None:
     """Late single marks are no jumps; a mark before the one before it, or from the future, is one."""
     taken_s = np.array([0.5, 2.0, 2.4, 7.0, 7.1, 12.0])
     late = (0.0, 0.9, 0.0)
-    untouched = sample_times(chunked(taken_s, taken_s, 1, late), 0.0)
+    untouched = correct_sample_times(chunked(taken_s, taken_s, 1, late), 0.0)
     assert untouched.resets == ()
     np.testing.assert_array_equal(untouched.time_s, taken_s)
     clock_s = taken_s + np.where(taken_s > 7.05, jump_s, 0.0)
-    found = sample_times(chunked(clock_s, taken_s, 1), 0.0)
+    found = correct_sample_times(chunked(clock_s, taken_s, 1), 0.0)
     assert [round(reset.jump_s, 1) for reset in found.resets] == [jump_s]
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=0.05)
 
 
 def test_a_clock_that_is_wrong_from_the_beginning_is_corrected_by_arrivals() -> None:
     taken_s = np.arange(100) / 50.0
-    found = sample_times(chunked(taken_s + 86_400.0, taken_s, 5), 50.0)
+    found = correct_sample_times(chunked(taken_s + 86_400.0, taken_s, 5), 50.0)
     assert [round(reset.jump_s) for reset in found.resets] == [86_400]
     np.testing.assert_allclose(found.time_s, taken_s, rtol=0.0, atol=0.1)
 
 
 def test_jitter_that_steps_back_is_raised_and_no_reset() -> None:
     times_s = np.array([0.00, 0.01, 0.03, 0.02, 0.04])
-    found = sample_times(chunked(times_s, times_s, 5), 100.0)
-    assert (found.resets, found.raised) == ((), 1)
+    found = correct_sample_times(chunked(times_s, times_s, 5), 100.0)
+    assert (found.resets, found.num_raised) == ((), 1)
     assert found.time_s.tolist() == [0.00, 0.01, 0.03, 0.03, 0.04]
 
 
@@ -148,5 +148,5 @@ def test_exports_contain_corrected_times_and_what_was_corrected() -> None:
     (reset,) = series.sidecar()["timestamp"]["ClockResets"]
     assert (reset["Onset"], reset["JumpInSeconds"]) == (pytest.approx(0.5), pytest.approx(-1.0))
     assert [round(time_ns / 1e9, 2) for time_ns, _ in text_events(topics)] == [0.99, 1.99, 2.99]
-    assert len(corrected_text_streams(topics, 0.5)["button"]["ClockResets"]) == 1
+    assert len(text_stream_corrections(topics, 0.5)["button"]["ClockResets"]) == 1
     assert figures(chunked(clock_s, taken_s, 5), 100.0).gaps == 0

@@ -18,7 +18,7 @@ from mcap_protobuf.decoder import DecoderFactory  # noqa: E402
 
 from avrgym.geometry import transforms  # noqa: E402
 from avrgym.recording.reader import Recording, read_recording  # noqa: E402
-from avrgym.replay.foxglove import TRACKING, WORLD, write_foxglove  # noqa: E402
+from avrgym.replay.foxglove import TRACKING_FRAME_ID, WORLD_FRAME_ID, write_foxglove  # noqa: E402
 from helpers.system.paths import OLD_RECORDING  # noqa: E402
 from helpers.vr.visit import Visit, plan  # noqa: E402
 
@@ -64,20 +64,22 @@ def test_times_are_those_of_the_calendar(recording: Recording, shown: Messages) 
     assert datetime.now(UTC) - recording.began_at < timedelta(hours=1)
     began_ns = round(recording.began_at.timestamp() * 1e9)
     for topic in ("/physics", "/events", "/control"):
-        assert [at - began_ns for at, _ in shown[topic]] == [at for at, _ in recording.topics[topic]]
+        assert [at - began_ns for at, _ in shown[topic]] == [
+            at for at, _ in recording.messages_by_topic[topic]
+        ]
     first, transforms_ = shown["/tf"][0]
     assert transforms_.transforms[0].timestamp.ToNanoseconds() == first == began_ns
 
 
 def test_all_that_the_recording_holds_is_there_as_well(recording: Recording, shown: Messages) -> None:
-    for topic, held in recording.topics.items():
+    for topic, held in recording.messages_by_topic.items():
         assert len(shown[topic]) == len(held)
 
 
 def test_every_body_has_a_place_and_what_is_seen_has_a_body(recording: Recording, shown: Messages) -> None:
     _, first = shown["/tf"][0]
     assert [each.child_frame_id for each in first.transforms] == list(recording.configuration.bodies)
-    assert {each.parent_frame_id for _, some in shown["/tf"] for each in some.transforms} == {WORLD}
+    assert {each.parent_frame_id for _, some in shown["/tf"] for each in some.transforms} == {WORLD_FRAME_ID}
     ((_, scene),) = shown["/scene"]
     entities = {entity.frame_id: entity for entity in scene.entities}
     assert all(entity.frame_locked and not entity.lifetime.ToNanoseconds() for entity in entities.values())
@@ -101,7 +103,10 @@ def test_points_lie_on_the_triangles(shown: Messages) -> None:
 
 def test_the_tracked_head_lies_at_the_head_of_the_body(shown: Messages) -> None:
     (floor,) = (
-        each for _, some in shown["/tf"] for each in some.transforms if each.child_frame_id == TRACKING
+        each
+        for _, some in shown["/tf"]
+        for each in some.transforms
+        if each.child_frame_id == TRACKING_FRAME_ID
     )
     head_body = [
         place(e) for _, some in shown["/tf"] for e in some.transforms if e.child_frame_id == "person/head"
@@ -110,7 +115,7 @@ def test_the_tracked_head_lies_at_the_head_of_the_body(shown: Messages) -> None:
     at = tracked.pose.position
     floor_at, floor_turned = place(floor)
     head_w = floor_at + transforms.rotate(floor_turned, np.array([at.x, at.y, at.z]))
-    assert tracked.frame_id == TRACKING
+    assert tracked.frame_id == TRACKING_FRAME_ID
     assert np.linalg.norm(head_w - head_body[-1][0]) < 0.25, (
         "the headset sits ahead of the head, whose body begins below"
     )

@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 from avrgym.cli.main import app
 from avrgym.recording.reader import read_recording
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
-from avrgym.replay.page import DATA_TAG, ReplayedTrial, write_page
-from avrgym.replay.timeline import align_starts, timeline_of
+from avrgym.replay.page import DATA_SCRIPT_TAG, ReplayedTrial, write_page
+from avrgym.replay.timeline import align_robot_starts, build_timeline
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.journey import WATCH_SCENES
 from helpers.vr.visit import Visit, plan
@@ -77,7 +77,7 @@ def feeding(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def trial_of_file(file: Path) -> ReplayedTrial:
     recording = read_recording(file)
-    return ReplayedTrial(recording, *timeline_of(recording, lambda: None))
+    return ReplayedTrial(recording, *build_timeline(recording, lambda: None))
 
 
 @pytest.fixture(scope="module")
@@ -126,7 +126,7 @@ def avrgym(*arguments: Any) -> Any:
 
 def held(file: Path) -> dict[str, Any]:
     """What was written into a page."""
-    return json.loads(file.read_bytes().partition(DATA_TAG)[2].partition(b"</script>")[0])
+    return json.loads(file.read_bytes().partition(DATA_SCRIPT_TAG)[2].partition(b"</script>")[0])
 
 
 # What is written ---------------------------------------------------------------------------------------------
@@ -176,7 +176,7 @@ def test_a_page_names_session_policy_and_versions(page_file: Path) -> None:
 
 def test_trials_are_aligned_where_the_robot_begins(trial: ReplayedTrial, feeding: Path) -> None:
     other = trial_of_file(feeding)
-    first, second = align_starts([trial.timeline, other.timeline])
+    first, second = align_robot_starts([trial.timeline, other.timeline])
     begin_s = [next(h.time_s for h in each.events if h.kind == "trial") for each in (first, second)]
     assert begin_s[0] == pytest.approx(begin_s[1])
     later_s = first.seconds - trial.timeline.seconds

@@ -9,7 +9,7 @@ from playwright.sync_api import Browser, Page, Playwright, expect, sync_playwrig
 from test_replay_shown import nothing, recording  # noqa: F401
 
 from avrgym.replay.server import ReplayServer
-from avrgym.replay.timeline import timeline_of
+from avrgym.replay.timeline import build_timeline
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
@@ -82,7 +82,7 @@ def visited(browser: Browser, url: str) -> Iterator[Page]:
 def test_the_participants_page_connects_draws_and_enters_vr(
     browser: Browser, server: LiveServer[Session]
 ) -> None:
-    with visited(browser, server.url.replace("/#", "/?emulate=1#")) as page:
+    with visited(browser, server.participant_url.replace("/#", "/?emulate=1#")) as page:
         page.get_by_role("button", name="Enter VR").click()
         page.wait_for_function("() => window.avrgymEmulator?.presenting()")
         page.wait_for_function("() => window.avrgymEmulator.phase()?.name === 'calibration'")
@@ -91,7 +91,7 @@ def test_the_participants_page_connects_draws_and_enters_vr(
 
 @pytest.mark.slow
 def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server: LiveServer[Session]) -> None:
-    with visited(browser, server.url) as page:
+    with visited(browser, server.participant_url) as page:
         expect(page.locator("#status-words")).to_have_text("Connected to the server", timeout=PATIENCE_MS)
         page.get_by_role("button", name="Play without a headset").click()
         expect(page.locator("#phase-text")).not_to_be_empty(timeout=PATIENCE_MS)
@@ -106,7 +106,7 @@ def test_the_page_draws_every_detail_without_a_headset(browser: Browser, server:
 def test_the_watchers_page_shows_the_session(
     browser: Browser, server: LiveServer[Session], role: str
 ) -> None:
-    address = server.urls("spectator", getattr(server.tokens, role))[0].replace("#", "?detail=light#")
+    address = server.page_urls("spectator", getattr(server.tokens, role))[0].replace("#", "?detail=light#")
     with visited(browser, address) as page:
         expect(page.locator("#watch-phase")).not_to_have_text("–", timeout=PATIENCE_MS)
         page.wait_for_load_state("networkidle")
@@ -114,7 +114,7 @@ def test_the_watchers_page_shows_the_session(
 
 @pytest.mark.slow
 def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveServer[Session]) -> None:
-    with visited(browser, server.urls("dashboard", server.tokens.experimenter)[0]) as page:
+    with visited(browser, server.page_urls("dashboard", server.tokens.experimenter)[0]) as page:
         expect(page.locator("#title")).to_have_text("A study", timeout=PATIENCE_MS)
         inside = page.frame_locator("iframe")
         expect(inside.locator("#view canvas")).to_be_visible(timeout=PATIENCE_MS)
@@ -124,7 +124,7 @@ def test_the_dashboard_shows_study_and_picture(browser: Browser, server: LiveSer
 @pytest.mark.slow
 def test_the_replay_is_shown(browser: Browser, recording) -> None:  # noqa: F811
     with (
-        ReplayServer(recording, *timeline_of(recording, nothing), port=0) as server,
+        ReplayServer(recording, *build_timeline(recording, nothing), port=0) as server,
         visited(browser, server.url.replace("#", "?detail=light#")) as page,
     ):
         page.get_by_role("button", name="Play").click()
@@ -139,7 +139,7 @@ def test_a_page_that_cannot_draw_says_so(
 ) -> None:
     with launch(playwright, "--disable-3d-apis") as browser:
         page = browser.new_page()
-        page.goto(server.urls(page_name, server.tokens.experimenter)[0])
+        page.goto(server.page_urls(page_name, server.tokens.experimenter)[0])
         expect(page.locator("#problem")).to_contain_text("cannot draw in 3D")
         expect(page.locator("#enter")).to_be_hidden()
 

@@ -21,7 +21,7 @@ from avrgym.replay.playback import ComparedState, Playback, ReplayError
 from avrgym.replay.verification import STATE_QUANTITIES, verify
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.protocol.messages import Disconnected, Ready, Stop
+from avrgym.vr.protocol.messages import ParticipantDisconnected, Ready, Stop
 from helpers.studies.configurations import with_configuration
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -44,7 +44,7 @@ def visited(folder: Path, environment: str) -> list[Path]:
     visit.send(Stop(), Ready())
     visit.run_until("trial")
     visit.tick(5)
-    visit.send(Disconnected())
+    visit.send(ParticipantDisconnected())
     visit.calibrate()
     visit.run_until("trial")
     visit.tracking = False
@@ -85,11 +85,11 @@ def test_every_attempt_steps_again_to_the_same_bits(tmp_path: Path, environment:
         recording = read_recording(path)
         found = verify(recording)
         assert found.differences == []
-        assert found.states == found.identical_states == len(recording.topics["/physics"])
-        assert found.steps == found.identical_steps == len(recording.topics["/control"])
+        assert found.states == found.identical_states == len(recording.messages_by_topic["/physics"])
+        assert found.steps == found.identical_steps == len(recording.messages_by_topic["/control"])
         assert (found.complete, found.same_versions) == (True, True)
         results.append(recording.result)
-        steps = len(recording.topics["/commands"])
+        steps = len(recording.messages_by_topic["/commands"])
         assert steps == {"stopped": 3, "interrupted": 1, "completed": STEPS + HELD_ONCE}[results[-1]]
     assert results == ["stopped", "interrupted", "completed"]
 
@@ -119,14 +119,14 @@ def with_number(field: str, place: int, by: float = 0.0) -> Change:
 
 @pytest.mark.parametrize("number", [1, 30, -1])
 def test_the_last_bit_of_a_state_is_found(whole: Recording, number: int) -> None:
-    time_ns, physics = whole.topics["/physics"][number]
+    time_ns, physics = whole.messages_by_topic["/physics"][number]
     found = verify(changed(whole, "/physics", number, with_number("state", 3)))
     assert found.identical_states == found.states - 1
     (difference,) = found.differences
     assert (difference.quantity, difference.times) == ("qpos", 1)
     assert difference.first_time_s == time_ns / 1e9
     assert difference.largest == np.spacing(abs(physics.state[3]))
-    assert found.agrees
+    assert found.agrees_within_rounding
 
 
 @pytest.mark.parametrize("by", [1e-8, -1e-6, 0.01])
@@ -136,7 +136,7 @@ def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None
     told = changed(whole, "/control", 2, with_number("observation", 2, by))
     for found in (verify(bent), verify(told)):
         assert not found.identical
-        assert not found.agrees
+        assert not found.agrees_within_rounding
 
 
 @pytest.mark.parametrize(
@@ -165,7 +165,7 @@ def test_more_than_rounding_is_no_agreement(whole: Recording, by: float) -> None
 def test_whatever_a_control_step_holds_is_compared(whole: Recording, quantity: str, change: Change) -> None:
     found = verify(changed(whole, "/control", 1, change))
     assert [difference.quantity for difference in found.differences] == [quantity]
-    assert found.agrees == (quantity in ("observation", "action"))  # by one bit
+    assert found.agrees_within_rounding == (quantity in ("observation", "action"))  # by one bit
     assert (found.identical_steps, found.identical_states) == (STEPS - 1, found.states)
 
 
@@ -181,7 +181,7 @@ def test_other_commands_and_other_movements_lead_elsewhere(
 ) -> None:
     found = verify(changed(whole, topic, 1, change))
     assert found.identical_states < found.states
-    assert not found.agrees
+    assert not found.agrees_within_rounding
     assert {difference.quantity for difference in found.differences} >= {"ctrl", "qpos", "qvel"}
 
 
@@ -195,7 +195,7 @@ def test_every_part_of_a_state_has_a_name(whole: Recording) -> None:
 def test_who_follows_goes_on_from_the_recorded_states(whole: Recording) -> None:
     """A changed state is shown as recorded; the one after it differs, because it came from another."""
     bent = changed(whole, "/physics", 10, with_number("state", 3))
-    states = [again for again in Playback(bent).run(follow=True) if isinstance(again, ComparedState)]
+    states = [again for again in Playback(bent).recompute(follow=True) if isinstance(again, ComparedState)]
     assert [number for number, again in enumerate(states) if not again.identical] == [10, 11]
 
 
@@ -234,7 +234,7 @@ def test_the_command_tells_what_agreed_or_differs(
     good = avrgym(paths[-1], "--verify", "--json", figures)
     assert good.exit_code == 0
     assert (
-        f"{len(whole.topics['/physics'])} states bit-identical, {STEPS} control steps identical"
+        f"{len(whole.messages_by_topic['/physics'])} states bit-identical, {STEPS} control steps identical"
         in good.stdout
     )
     assert "simulated participant" in good.stdout

@@ -35,5 +35,5 @@ def test_a_trial_with_settings_is_replayed_to_the_same_bits(tmp_path: Path, envi
     assert recording.configuration.settings == CHANGED[environment]
     found = verify(recording)
     assert found.differences == []
-    assert found.states == found.identical_states == len(recording.topics["/physics"])
+    assert found.states == found.identical_states == len(recording.messages_by_topic["/physics"])
     assert found.steps == found.identical_steps == 4

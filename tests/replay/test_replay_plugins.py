@@ -23,7 +23,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A recording with a robot of a package, whose module is there to be changed."""
     folder = tmp_path_factory.mktemp("plugins")
     with pytest.MonkeyPatch.context() as patch:
-        module = register(patch, folder / "lab", plugins.ROBOTS, "Jaco")
+        module = register(patch, folder / "lab", plugins.ROBOT_GROUP, "Jaco")
         visit = Visit(folder / "visit", plan(environments=[ENVIRONMENT], trial_steps=2))
         visit.calibrate()
         visit.run_until("trial")

@@ -13,17 +13,17 @@ from playwright.sync_api import expect, sync_playwright
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.pictures import (
     CAPTION_HEIGHT_PX,
-    FRAMES_PER_S,
-    FRAMES_PX,
     GIF_FRAMES_PER_S,
-    VIDEO_PX,
+    STRIP_IMAGE_SIZE_PX,
+    VIDEO_FRAMES_PER_S,
+    VIDEO_SIZE_PX,
     write_gif,
-    write_strip,
+    write_image_strip,
     write_video,
 )
 from avrgym.replay.playback import ComparedState, Playback
 from avrgym.replay.server import ReplayServer
-from avrgym.replay.timeline import STATES_PER_FRAME, timeline_of
+from avrgym.replay.timeline import STATES_PER_FRAME, build_timeline
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from avrgym.vr.live_world.scene_message import poses
 from helpers.vr.visit import Visit, plan
@@ -53,7 +53,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
 
 @pytest.fixture(scope="module")
 def server(recording: Recording) -> Iterator[ReplayServer]:
-    with ReplayServer(recording, *timeline_of(recording, nothing), port=0) as server:
+    with ReplayServer(recording, *build_timeline(recording, nothing), port=0) as server:
         yield server
 
 
@@ -61,11 +61,11 @@ def server(recording: Recording) -> Iterator[ReplayServer]:
 
 
 def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording) -> None:
-    timeline, frames = timeline_of(recording, nothing)
+    timeline, frames = build_timeline(recording, nothing)
     playback = Playback(recording)
     shown = [
         (again.time_s, poses(playback.episodes))
-        for again in playback.run()
+        for again in playback.recompute()
         if isinstance(again, ComparedState)
     ][::STATES_PER_FRAME]
     assert timeline.frames_s == [time_s for time_s, _ in shown]
@@ -76,8 +76,8 @@ def test_the_poses_are_those_of_every_second_recorded_state(recording: Recording
 
 
 def test_the_timeline_tells_rewards_phases_and_answers(recording: Recording) -> None:
-    timeline, _ = timeline_of(recording, nothing)
-    control = [record for _, record in recording.topics["/control"]]
+    timeline, _ = build_timeline(recording, nothing)
+    control = [record for _, record in recording.messages_by_topic["/control"]]
     assert timeline.steps.reward[-1] == pytest.approx(sum(record.reward for record in control))
     assert timeline.steps.force_n == [record.force_on_person_n for record in control]
     shown = [each for each in timeline.events if each.kind != "event"]  # a busy machine may stall
@@ -145,13 +145,15 @@ def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
     out = tmp_path / "trial.mp4"
     write_video(recording, out, first_person=False, progress=nothing)
     (asked_s,) = (
-        time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.detail == "questionnaire"
+        time_ns / 1e9
+        for time_ns, event in recording.messages_by_topic["/events"]
+        if event.detail == "questionnaire"
     )
     with av.open(str(out)) as file:
         frames = [frame.to_ndarray(format="rgb24") for frame in file.decode(video=0)]
-        assert file.streams.video[0].average_rate == FRAMES_PER_S
-    assert len(frames) == pytest.approx(asked_s * FRAMES_PER_S, abs=1)
-    assert frames[0].shape == (VIDEO_PX[1], VIDEO_PX[0], 3)
+        assert file.streams.video[0].average_rate == VIDEO_FRAMES_PER_S
+    assert len(frames) == pytest.approx(asked_s * VIDEO_FRAMES_PER_S, abs=1)
+    assert frames[0].shape == (VIDEO_SIZE_PX[1], VIDEO_SIZE_PX[0], 3)
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.1
     assert [path.name for path in tmp_path.iterdir()] == ["trial.mp4"]
     with pytest.raises(FileExistsError, match="exists already"):
@@ -165,7 +167,7 @@ def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
     out = tmp_path / "trial.gif"
     write_gif(recording, out, first_person=False, progress=nothing)
     with Image.open(out) as shown:
-        assert shown.size == (VIDEO_PX[0] // 2, VIDEO_PX[1] // 2)
+        assert shown.size == (VIDEO_SIZE_PX[0] // 2, VIDEO_SIZE_PX[1] // 2)
         assert shown.info["loop"] == 0
         pictures = [
             (picture.info["duration"], np.asarray(picture.convert("RGB"), int))
@@ -173,7 +175,9 @@ def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
         ]
     assert np.abs(pictures[-1][1] - pictures[0][1]).mean() > 0.1
     (asked_s,) = (
-        time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.detail == "questionnaire"
+        time_ns / 1e9
+        for time_ns, event in recording.messages_by_topic["/events"]
+        if event.detail == "questionnaire"
     )
     assert sum(milliseconds for milliseconds, _ in pictures) / 1000 == pytest.approx(
         asked_s, abs=1 / GIF_FRAMES_PER_S
@@ -188,10 +192,10 @@ def test_a_strip_shows_the_trial_from_its_beginning_to_its_end(
     recording: Recording, tmp_path: Path, first_person: bool
 ) -> None:
     out = tmp_path / "strip.png"
-    times_s = write_strip(recording, 2, out, first_person=first_person, progress=nothing)
+    times_s = write_image_strip(recording, 2, out, first_person=first_person, progress=nothing)
     assert times_s == pytest.approx([0.0, 0.1 * STEPS], abs=0.02)
     with Image.open(out) as strip:
-        assert strip.size == (2 * FRAMES_PX[0], FRAMES_PX[1] + 2 * CAPTION_HEIGHT_PX)
+        assert strip.size == (2 * STRIP_IMAGE_SIZE_PX[0], STRIP_IMAGE_SIZE_PX[1] + 2 * CAPTION_HEIGHT_PX)
         pixels = np.asarray(strip)
     middle = pixels[CAPTION_HEIGHT_PX:-CAPTION_HEIGHT_PX]
-    assert middle[:, : FRAMES_PX[0]].std() > 5
+    assert middle[:, : STRIP_IMAGE_SIZE_PX[0]].std() > 5

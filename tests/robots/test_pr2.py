@@ -9,7 +9,7 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.models.robot import Side, robot_spec
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.robots.jaco.robot import JACO
-from avrgym.robots.pr2.robot import MESHES, PR2
+from avrgym.robots.pr2.robot import MESH_FOLDER, PR2
 from helpers.robots import pr2_urdf
 
 SIDES: tuple[Side, ...] = ("right", "left")
@@ -22,7 +22,7 @@ COUNT = 1000
 
 @pytest.fixture(scope="module")
 def description() -> pr2_urdf.Description:
-    return pr2_urdf.read(MESHES.parent / "robots" / "pr2.urdf.xacro")
+    return pr2_urdf.read(MESH_FOLDER.parent / "robots" / "pr2.urdf.xacro")
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +49,11 @@ def chains(models) -> dict[Side, kinematics.Chain]:
 
 def chain(model: mujoco.MjModel, side: Side) -> kinematics.Chain:
     arm = PR2.arms[side]
-    return kinematics.chain_of(model, arm.joints, PR2.base, arm.end_effector)
+    return kinematics.extract_chain(model, arm.joints, PR2.base, arm.end_effector)
 
 
 def within_ranges(rng: np.random.Generator, chain: kinematics.Chain) -> np.ndarray:
-    return rng.uniform(chain.lower, chain.upper, (COUNT, 7))
+    return rng.uniform(chain.lower_limit, chain.upper_limit, (COUNT, 7))
 
 
 def raised(model: mujoco.MjModel, description: pr2_urdf.Description) -> float:
@@ -226,8 +226,8 @@ def test_the_hand_reaches_all_around_from_the_seed_pose(rng, side, chains):
     forwards = np.tile(transforms.IDENTITY_QUATERNION, (100, 1))
     start = np.tile(PR2.arms[side].seed_pose, (100, 1))
     solution = kinematics.inverse_kinematics(chains[side], pos, forwards, start)
-    assert solution.position_error_m.max() < kinematics.ACCURACY_M
-    assert solution.rotation_error_rad.max() < kinematics.ACCURACY_RAD
+    assert solution.position_error_m.max() < kinematics.MAX_POSITION_ERROR_M
+    assert solution.rotation_error_rad.max() < kinematics.MAX_ROTATION_ERROR_RAD
 
 
 # How it looks

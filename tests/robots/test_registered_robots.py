@@ -13,7 +13,7 @@ from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.cup import CUP
 from avrgym.models.human import Person
 from avrgym.models.robot import Arm, Robot, UnsuitableRobotError, robot_spec, robot_spec_with_tool
-from avrgym.models.scene import build_spec
+from avrgym.models.scene import build_scene_spec
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.models.spoon import SPOON
 from avrgym.models.washcloth import WASHCLOTH
@@ -56,7 +56,7 @@ def suits(task: Task, robot: Robot) -> bool:
 
 def chain_of(robot: Robot, arm: Arm) -> kinematics.Chain:
     model = robot_spec(robot, arm, appearance=False).compile()
-    return kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)
+    return kinematics.extract_chain(model, arm.joints, robot.base, arm.end_effector)
 
 
 def test_its_record_is_valid(robot):
@@ -67,7 +67,10 @@ def test_inverse_kinematics_is_the_inverse_of_forward(robot, rng):
     """From 0.3 rad away, poses well inside the ranges are found again."""
     arm = arm_of(robot)
     chain = chain_of(robot, arm)
-    middle, half = 0.5 * (chain.lower + chain.upper), 0.5 * (chain.upper - chain.lower)
+    middle, half = (
+        0.5 * (chain.lower_limit + chain.upper_limit),
+        0.5 * (chain.upper_limit - chain.lower_limit),
+    )
     angles = middle + 0.8 * half * rng.uniform(-1.0, 1.0, (200, len(arm.joints)))
     pos, q = kinematics.forward_kinematics(chain, angles)
     found = kinematics.inverse_kinematics(
@@ -177,7 +180,7 @@ def test_visual_geoms_do_not_change_the_dynamics(robot):
 def test_a_browser_is_shown_a_robot_of_a_package(robot):
     """Every moving link has a node with a mesh in the scene that clients draw."""
     scene = TASKS["Feeding"].scene(robot)
-    model = build_spec(scene, Person(), moving=True, appearance=True).compile()
+    model = build_scene_spec(scene, Person(), moving=True, appearance=True).compile()
     drawn = {body for body, node in GlbFile(export_glb(model)).nodes("body").items() if node.get("children")}
     links = {model.body(model.joint(f"robot/{joint}").bodyid[0]).name for joint in scene.arm.joints}
     assert links <= drawn
@@ -217,13 +220,13 @@ SKIPPED_PLUGINS = {
 def test_an_incomplete_record_is_rejected(words):
     before = dict(ROBOTS)
     with pytest.raises(ValueError, match=words):
-        registry.register(SKIPPED_PLUGINS[words])
+        registry.register_robot(SKIPPED_PLUGINS[words])
     assert before == ROBOTS
 
 
 def test_a_name_that_is_taken_is_refused():
     with pytest.raises(ValueError, match="a robot with the name Jaco is already registered"):
-        registry.register(replace(FETCH, name="Jaco"))
+        registry.register_robot(replace(FETCH, name="Jaco"))
 
 
 def test_a_robot_does_the_tasks_for_which_it_has_everything():

@@ -15,8 +15,8 @@ from avrgym.simulation import base_search
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.robot_clearance import _robot_capsules, self_distance_m, self_shape
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.robot_clearance import _robot_capsules, min_self_distance_m, self_collision_shape
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 WORLDS, STEPS = 8, 60
 MAX_DEPTH_M = 0.01
@@ -24,7 +24,7 @@ MAX_DEPTH_M = 0.01
 
 def depth_m(name: str, *, self_collision: bool) -> tuple[float, int]:
     """Largest overlap of links that may collide, and number of contacts, while the arm turns at full speed."""
-    settings = Settings(self_collision=True) if self_collision else DEFAULTS
+    settings = Settings(self_collision=True) if self_collision else DEFAULT_SETTINGS
     episodes = Episodes(f"avrgym/ScratchItch{name}-v1", WORLDS, num_threads=1, settings=settings)
     episodes.reset(np.arange(WORLDS), [np.random.default_rng(world) for world in range(WORLDS)])
     model, deepest, contacts = episodes.simulation.model, 0.0, 0
@@ -72,9 +72,9 @@ def test_links_that_touch_have_no_distance(name: str) -> None:
     """The capsules of the start search contain the links: where links collide, their distance is not positive."""
     _, scene = task_and_scene(f"avrgym/ScratchItch{name}-v1", Settings(self_collision=True))
     chain = placement.planning_chain(scene)
-    shape = self_shape(scene, chain)
+    shape = self_collision_shape(scene, chain)
     bodies = [capsule.body for capsule in _robot_capsules(scene)]
-    kept = Counter(frozenset(bodies[each] for each in pair) for pair in shape.pairs.tolist())
+    kept = Counter(frozenset(bodies[each] for each in pair) for pair in shape.capsule_pairs.tolist())
     checked = {
         pair for pair, count in kept.items() if count == np.prod([bodies.count(each) for each in pair])
     }
@@ -83,9 +83,9 @@ def test_links_that_touch_have_no_distance(name: str) -> None:
         geom.contype = geom.conaffinity = 1
     compiled = model.compile()
     data, positions = mujoco.MjData(compiled), [compiled.joint(each).qposadr[0] for each in scene.arm.joints]
-    travel, touching = len(chain.lower) - len(positions), 0
+    travel, touching = len(chain.lower_limit) - len(positions), 0
     for pose in np.random.default_rng(0).uniform(
-        chain.lower[travel:], chain.upper[travel:], (300, len(positions))
+        chain.lower_limit[travel:], chain.upper_limit[travel:], (300, len(positions))
     ):
         data.qpos[positions] = pose
         mujoco.mj_kinematics(compiled, data)
@@ -94,7 +94,7 @@ def test_links_that_touch_have_no_distance(name: str) -> None:
         found = {frozenset(compiled.body(body).name for body in pair) for pair in pairs}
         if found & checked:
             touching += 1
-            assert self_distance_m(scene, chain, np.append(np.zeros(travel), pose)[None]) < 1e-6
+            assert min_self_distance_m(scene, chain, np.append(np.zeros(travel), pose)[None]) < 1e-6
     assert touching > 0
 
 

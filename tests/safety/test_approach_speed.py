@@ -11,7 +11,12 @@ from avrgym.models.human import GEOMS
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.safety.approach_speed import MONITORED_DISTANCE_M, effective_mass_kg
 from avrgym.safety.force_guard import ForceGuard
-from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, REGION_OF_GEOM, max_impact_speed_m_s
+from avrgym.safety.limits import (
+    BODY_REGIONS,
+    QUASI_STATIC_LIMIT_N,
+    REGION_INDEX_OF_GEOM,
+    max_impact_speed_m_s,
+)
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.simulation.state import State
 from avrgym.tasks.episodes import Episodes
@@ -55,7 +60,7 @@ def shares(before: State, now: State, world: int, allowed_m_s: FloatArray) -> tu
     for index, name in enumerate(GEOMS):
         was, ends = before.person_segment_w[world, index], now.person_segment_w[world, index]
         pad, pad_before = now.pad_pos_w[world], before.pad_pos_w[world]
-        now_m, limit_m = from_axis_m(pad, ends), CONTROL_STEP_S * allowed_m_s[REGION_OF_GEOM[name]]
+        now_m, limit_m = from_axis_m(pad, ends), CONTROL_STEP_S * allowed_m_s[REGION_INDEX_OF_GEOM[name]]
         gap_m = now_m - now.person_radius_m[world, index]
         closed_m = [from_axis_m(place, was) - now_m for place in (pad, pad_before)]
         found.append([each / limit_m if gap_m - each < MONITORED_DISTANCE_M else 0.0 for each in closed_m])
@@ -80,14 +85,14 @@ def test_the_guard_overrides_exactly_above_the_speed_limits():
             if min(abs(people - 1.0), abs(both - 1.0)) < 1e-3 or guard._pressed[world]:
                 continue
             seen.append((people > 1.0, both > 1.0))
-            assert guard.retracting[world] == (people > 1.0)
-            assert guard.holding[world] == (both > 1.0 and people <= 1.0)
-            if guard.holding[world]:
+            assert guard.retracting_mask[world] == (people > 1.0)
+            assert guard.stopped_mask[world] == (both > 1.0 and people <= 1.0)
+            if guard.stopped_mask[world]:
                 assert not given[world].any()
-            elif not guard.overriding[world]:
+            elif not guard.override_mask[world]:
                 assert_array_equal(given[world], asked[world])
-            if guard.overriding[world]:
-                what = "approaches" if guard.retracting[world] else "and tool approach"
+            if guard.override_mask[world]:
+                what = "approaches" if guard.retracting_mask[world] else "and tool approach"
                 assert f" {what} at " in guard.describe_override(world)
         before = now
         episodes.step(given)
@@ -102,7 +107,7 @@ def test_no_intervention_while_person_and_arm_rest():
     asked = np.zeros((WORLDS, episodes.action_size))
     for _ in range(10):
         episodes.step(guard.begin_step(asked))
-    assert not guard.interventions.any()
+    assert not guard.num_interventions.any()
 
 
 def largest_shares(environment: str, people: str, asked: Asked) -> tuple[FloatArray, FloatArray]:

@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.models.scene import SUBSTEPS
-from avrgym.safety.force_guard import INTERVENTION_SHARE, RELEASE_SHARE, WAYPOINT_RAD, ForceGuard
+from avrgym.models.scene import DEFAULT_SUBSTEPS
+from avrgym.safety.force_guard import (
+    INTERVENTION_FORCE_SHARE,
+    RELEASE_FORCE_SHARE,
+    WAYPOINT_SPACING_RAD,
+    ForceGuard,
+)
 from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.tasks.episodes import Episodes
 from helpers.simulation.contact_forces import actions_towards
@@ -40,17 +45,17 @@ def drive(asked: Asked, *, guarded: bool, steps: int = 40, worlds: int = WORLDS)
     ticks: list[tuple[FloatArray, ...]] = []
     for _ in range(steps):
         action = asked(episodes)
-        for tick in range(SUBSTEPS):
+        for tick in range(DEFAULT_SUBSTEPS):
             before = share(simulation.region_force_n())
             changed = guard.update(action if tick == 0 else None)
             if tick == 0:
-                episodes.command(guard.executed_action if guarded else action)
+                episodes.command_robots(guard.executed_action if guarded else action)
             elif guarded:
                 simulation.command_robot(guard.executed_action, changed)
             simulation.step(1)
             after = share(simulation.region_force_n())
             ticks.append(
-                (before, after, guard.retracting, simulation.joint_positions(), guard.executed_action)
+                (before, after, guard.retracting_mask, simulation.joint_positions(), guard.executed_action)
             )
         episodes.evaluate_step(action)
     return Driven(*(np.stack(each) for each in zip(*ticks, strict=True)))
@@ -70,16 +75,16 @@ def test_it_retracts_exactly_above_the_threshold(pushed):
     before, retracting = pushed[1].before, pushed[1].retracting
     begins = retracting & ~np.roll(retracting, 1, axis=0)
     assert begins.sum() >= 3
-    assert (before[begins] > INTERVENTION_SHARE).all()
-    assert retracting[before > INTERVENTION_SHARE].all()
+    assert (before[begins] > INTERVENTION_FORCE_SHARE).all()
+    assert retracting[before > INTERVENTION_FORCE_SHARE].all()
 
 
 def test_it_releases_only_below_the_release_share(pushed):
     before, retracting = pushed[1].before[1:], pushed[1].retracting
     ends = retracting[:-1] & ~retracting[1:]
     assert ends.sum() >= 3
-    assert (before[ends] < RELEASE_SHARE).all()
-    assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_SHARE)).any()
+    assert (before[ends] < RELEASE_FORCE_SHARE).all()
+    assert not (retracting[1:] & retracting[:-1] & (before < RELEASE_FORCE_SHARE)).any()
 
 
 def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
@@ -87,7 +92,10 @@ def test_high_forces_are_lower_and_shorter_with_the_guard(pushed):
     acted = guarded.retracting.any(axis=0)
     assert 3 <= acted.sum() < WORLDS
     assert (guarded.after.max(axis=0)[acted] < without.after.max(axis=0)[acted]).all()
-    assert 2 * (guarded.after > INTERVENTION_SHARE).sum() < (without.after > INTERVENTION_SHARE).sum()
+    assert (
+        2 * (guarded.after > INTERVENTION_FORCE_SHARE).sum()
+        < (without.after > INTERVENTION_FORCE_SHARE).sum()
+    )
 
 
 def test_without_high_forces_it_changes_no_bit(pushed):
@@ -111,7 +119,7 @@ def test_it_retracts_along_the_path_of_the_arm(pushed):
         for tick in ticks:
             way = guarded.joint_positions[:tick, world]
             off = np.abs(way - guarded.joint_positions[tick, world]).max(axis=-1).min()
-            assert off < 5 * WAYPOINT_RAD
+            assert off < 5 * WAYPOINT_SPACING_RAD
         assert (np.abs(guarded.output[ticks, world]) <= 1.0).all()
 
 
@@ -119,12 +127,12 @@ def test_an_arm_without_a_path_stands_still():
     episodes = reset_episodes(SCRATCHING, 1, by_region=True)
     simulation = episodes.simulation
     guard = ForceGuard(simulation)
-    guard.retracting[:] = True
+    guard.retracting_mask[:] = True
     simulation.region_force_n = lambda: QUASI_STATIC_LIMIT_N[None]
     start = simulation.joint_positions()
     for _ in range(30):
         episodes.step(guard.begin_step(np.ones((1, 7))))
-    assert np.abs(simulation.joint_positions() - start).max() < WAYPOINT_RAD
+    assert np.abs(simulation.joint_positions() - start).max() < WAYPOINT_SPACING_RAD
 
 
 def test_a_reset_clears_the_path(pushed):
@@ -134,7 +142,7 @@ def test_a_reset_clears_the_path(pushed):
         episodes.step(guard.begin_step(np.ones((1, 7))))
     episodes.reset(np.array([0]), [np.random.default_rng(1)])
     guard.reset(np.array([0]))
-    assert not guard.retracting.any()
-    assert not guard.interventions.any()
+    assert not guard.retracting_mask.any()
+    assert not guard.num_interventions.any()
     angles = episodes.simulation.joint_positions()
     assert (guard._path == angles[:, None]).all()

@@ -10,17 +10,23 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.commands.preferences import (
     MAX_SPEED_FACTOR,
     MIN_SPEED_FACTOR,
-    AppliedRules,
     BiteTiming,
-    CommandRules,
+    ConditionRules,
     Preferences,
+    TrialRules,
     apply_preferences,
 )
-from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName, Source
+from avrgym.commands.vocabulary import COMMAND_NAMES, CommandName, CommandSource
 from avrgym.policies import registry
-from avrgym.safety.pacing import COMMAND_INPUT, CONTINUING, MODES, TOLERANCE_M, Pacing
-from avrgym.safety.retreat import SPEED_M_S
-from avrgym.tasks.control_loop import Step
+from avrgym.safety.pacing import (
+    COMMAND_INPUT_ENTRIES,
+    CONTINUING,
+    DISTANCE_TOLERANCE_M,
+    PACING_MODES,
+    PacingLayer,
+)
+from avrgym.safety.retreat import TOOL_SPEED_M_S
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 
 FEEDING, SCRATCHING = "avrgym/FeedingJaco-v1", "avrgym/ScratchItchPR2-v1"
@@ -31,18 +37,18 @@ SETTLING_STEPS = 6
 """Control steps within which an arm goes from the policy's speed to that of the layer."""
 
 
-def rules(*, commands: tuple[CommandName, ...] = COMMAND_NAMES, **preferences) -> AppliedRules:
-    sources: tuple[Source, ...] = ("key",) if commands else ()
+def rules(*, commands: tuple[CommandName, ...] = COMMAND_NAMES, **preferences) -> TrialRules:
+    sources: tuple[CommandSource, ...] = ("key",) if commands else ()
     wishes = Preferences(**preferences)
-    condition = CommandRules(policy="revised", commands=commands, sources=sources, defaults=wishes)
+    condition = ConditionRules(policy="revised", commands=commands, sources=sources, defaults=wishes)
     return apply_preferences(condition, None)
 
 
-def paced(applied: AppliedRules, environment: str = FEEDING) -> tuple[Episodes, Pacing]:
+def paced(applied: TrialRules, environment: str = FEEDING) -> tuple[Episodes, PacingLayer]:
     episodes = Episodes(environment, len(SEEDS), people="revised", num_threads=1, rules=applied)
     episodes.reset(np.arange(len(SEEDS)), generators())
-    assert episodes.loop.pacing is not None
-    return episodes, episodes.loop.pacing
+    assert episodes.control_loop.pacing is not None
+    return episodes, episodes.control_loop.pacing
 
 
 def generators() -> list[np.random.Generator]:
@@ -51,16 +57,16 @@ def generators() -> list[np.random.Generator]:
 
 def drive(
     episodes: Episodes, policy: str, steps: int, script: dict[int, CommandName]
-) -> list[tuple[FloatArray, Step, IntArray, FloatArray]]:
+) -> list[tuple[FloatArray, StepOutcome, IntArray, FloatArray]]:
     """Take control steps. Returns for each one the policy's actions, the step, modes and speed factors."""
-    pacing = episodes.loop.pacing
+    pacing = episodes.control_loop.pacing
     assert pacing is not None
-    found = list[tuple[FloatArray, Step, IntArray, FloatArray]]()
+    found = list[tuple[FloatArray, StepOutcome, IntArray, FloatArray]]()
     environment = episodes.environment_id
-    with registry.open_policy(registry.find(policy, environment), episodes, generators()) as act:
+    with registry.open_policy(registry.resolve_policy(policy, environment), episodes, generators()) as act:
         for number in range(steps):
             if number in script:
-                episodes.loop.take_command(script[number])
+                episodes.control_loop.apply_command(script[number])
             actions = act(episodes.observe()).astype(float)
             step = episodes.step(actions)
             found.append((actions, step, pacing.mode.copy(), pacing.speed_factor.copy()))
@@ -88,12 +94,12 @@ def test_no_controller_moves_faster_than_scaled(policy: str) -> None:
         since = np.where(mode == before, since + 1, 0)
         before = mode
         for world in range(2):
-            name = MODES[mode[world]]
+            name = PACING_MODES[mode[world]]
             if name in ("approaching", "continuing"):
                 scaled = np.clip(factor[world] * np.clip(actions[world], -1, 1), -1, 1)
                 assert_array_equal(step.executed_action[world], scaled)
             elif since[world] >= SETTLING_STEPS:
-                limit = SPEED_M_S + 0.02 if name == "backing_off" else 0.01
+                limit = TOOL_SPEED_M_S + 0.02 if name == "backing_off" else 0.01
                 assert step.tool_speed_m_s[world] < limit, name
 
 
@@ -101,8 +107,8 @@ def test_no_controller_moves_faster_than_scaled(policy: str) -> None:
 def test_a_robot_waits_for_ready_at_its_distance(environment: str) -> None:
     episodes, pacing = paced(rules(distance_m=0.12), environment)
     drive(episodes, "revised", 45, {})
-    assert pacing.waiting.all()
-    assert (np.abs(pacing.gap_m - 0.12) < TOLERANCE_M + 0.02).all()
+    assert pacing.waiting_mask.all()
+    assert (np.abs(pacing.gap_m - 0.12) < DISTANCE_TOLERANCE_M + 0.02).all()
     (first, *_) = drive(episodes, "revised", 12, {0: "ready"})
     assert (first[1].executed_action != 0.0).any(axis=-1).all()
     assert (pacing.gap_m < 0.10).all()
@@ -114,19 +120,19 @@ def test_stop_wins_over_every_later_command() -> None:
     steps = drive(episodes, "random", 24, script)
     assert all((step.executed_action == 0.0).all() for _, step, _, _ in steps[6:])
     assert (steps[-1][1].tool_speed_m_s < 0.01).all()
-    assert {MODES[mode] for _, _, modes, _ in steps[6:] for mode in modes} == {"stopped"}
+    assert {PACING_MODES[mode] for _, _, modes, _ in steps[6:] for mode in modes} == {"stopped"}
 
 
 def test_wait_backs_off_and_other_side_changes_the_side() -> None:
     episodes, pacing = paced(rules())
     drive(episodes, "revised", 80, {5: "ready", 30: "wait"})
-    assert pacing.waiting.all()
+    assert pacing.waiting_mask.all()
     assert (pacing.gap_m > 0.14).all()
     state = episodes.state()
     before = np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0])
     drive(episodes, "revised", 60, {0: "other_side"})
     state = episodes.state()
-    assert pacing.waiting.all()
+    assert pacing.waiting_mask.all()
     assert_array_equal(np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0]), -before)
 
 
@@ -134,7 +140,7 @@ def test_wait_backs_off_and_other_side_changes_the_side() -> None:
 def test_robots_can_continue_without_a_command(timing: BiteTiming) -> None:
     episodes, _ = paced(rules(commands=(), bite_timing=timing, pause_s=1.0))
     modes = np.array([mode for _, _, mode, _ in drive(episodes, "revised", 70, {})])
-    waiting = (modes == MODES.index("waiting")).sum(axis=0)
+    waiting = (modes == PACING_MODES.index("waiting")).sum(axis=0)
     assert (waiting >= 10).all()
     assert (modes[-1] == CONTINUING).any()
 
@@ -144,7 +150,7 @@ def test_preferences_without_waiting_change_no_bit() -> None:
     plain = Episodes(FEEDING, len(SEEDS), people="revised", num_threads=1)
     plain.reset(np.arange(len(SEEDS)), generators())
     episodes, _ = paced(rules(commands=(), side="left"))
-    with registry.open_policy(registry.find("revised", FEEDING), plain, generators()) as act:
+    with registry.open_policy(registry.resolve_policy("revised", FEEDING), plain, generators()) as act:
         for _, step, _, _ in drive(episodes, "revised", 20, {}):
             other = plain.step(np.clip(act(plain.observe()).astype(float), -1, 1))
             assert_array_equal(step.observation, other.observation)
@@ -165,19 +171,21 @@ def test_again_ends_a_withdrawal() -> None:
     )
     episodes.reset(np.arange(2), generators())
     drive(episodes, "revised", 60, {2: "ready"})
-    assert episodes.loop.withdrawing.any()
-    effective = episodes.loop.take_command("again")
-    assert effective[episodes.loop.withdrawing | effective].all()
-    assert not episodes.loop.withdrawing.any()
+    assert episodes.control_loop.withdrawing.any()
+    effective = episodes.control_loop.apply_command("again")
+    assert effective[episodes.control_loop.withdrawing | effective].all()
+    assert not episodes.control_loop.withdrawing.any()
     drive(episodes, "revised", 5, {})
-    assert not episodes.loop.withdrawing.any()
+    assert not episodes.control_loop.withdrawing.any()
 
 
 def test_controllers_receive_the_latest_command() -> None:
     episodes, pacing = paced(rules())
     pacing.apply_command("slower", np.array([True, False]))
     episodes.step(np.zeros((2, 7)))
-    seen = [dict(zip(COMMAND_INPUT, row, strict=True)) for row in episodes.loop.command_input()]
+    seen = [
+        dict(zip(COMMAND_INPUT_ENTRIES, row, strict=True)) for row in episodes.control_loop.command_input()
+    ]
     assert (seen[0]["slower"], seen[1]["slower"]) == (1.0, 0.0)
     assert (seen[0]["speed_factor"], seen[1]["speed_factor"]) == (0.75, 1.0)
     assert seen[0]["age_s"] < 0.2 < seen[1]["age_s"]

@@ -6,15 +6,15 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import collision_bits, human
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.safety.limits import (
     BODY_REGIONS,
+    MAX_TRANSIENT_S,
     QUASI_STATIC_LIMIT_N,
-    REGION_OF_GEOM,
+    REGION_INDEX_OF_GEOM,
     TRANSIENT_LIMIT_N,
-    TRANSIENT_S,
 )
-from avrgym.safety.region_forces import GEOM_CONTACTS, RegionLoadRecorder, RegionLoads
+from avrgym.safety.region_forces import MAX_GEOM_CONTACTS, RegionLoadRecorder, RegionLoads
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.contact_forces import actions_towards
@@ -22,7 +22,7 @@ from helpers.simulation.initial_states import reset_episodes
 
 SCRATCHING = "avrgym/ScratchItchJaco-v1"
 WORLDS = 12
-TRANSIENT_STEPS = round(TRANSIENT_S / PHYSICS_STEP_S)
+TRANSIENT_STEPS = round(MAX_TRANSIENT_S / PHYSICS_STEP_S)
 REGIONS = [region.name for region in BODY_REGIONS]
 
 
@@ -53,8 +53,8 @@ def test_measuring_forces_changes_no_bit(environment, people, rng):
     )
     for action in rng.uniform(-1.0, 1.0, (8, 4, 7)):
         one = plain.step(action)
-        measured.command(action)
-        for substep in range(SUBSTEPS):
+        measured.command_robots(action)
+        for substep in range(DEFAULT_SUBSTEPS):
             measured.step_physics(substep, 1)
             measured.simulation.region_force_n()
         other = measured.evaluate_step(action)
@@ -103,7 +103,7 @@ def test_the_pressed_region_is_the_one_that_touches(environment):
     for world in range(WORLDS):
         expected, most = by_contact(simulation.batch, world)
         assert_allclose(force_n[world], expected, rtol=1e-9, atol=1e-9)
-        assert most <= GEOM_CONTACTS
+        assert most <= MAX_GEOM_CONTACTS
         found += int((expected > 1.0).sum())
     assert found >= 4
 
@@ -124,7 +124,7 @@ def by_contact(batch: mujoco.batch.Batch, world: int) -> tuple[np.ndarray, int]:
             wrench = np.zeros(6)
             mujoco.mj_contactForce(model, data, number, wrench)
             geom = model.geom(mine[0]).name.removeprefix(human.PREFIX)
-            force_n[REGION_OF_GEOM[geom]] += np.linalg.norm(wrench[:3])
+            force_n[REGION_INDEX_OF_GEOM[geom]] += np.linalg.norm(wrench[:3])
             count[geom] += 1
     return force_n, max(count.values())
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
+from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
 from avrgym.policies.trained import load_policy, packaged_policies
 from avrgym.safety.retreat import MAX_DURATION_S, Retreat
 from avrgym.simulation.worlds import State
@@ -34,16 +34,16 @@ def helped(environment: str, seed: int) -> Episodes:
     for _ in range(HELPED_STEPS):
         episodes.step(policy.act(episodes.observe(), generators))
     episodes.simulation.brake_robot()
-    episodes.simulation.step(BRAKED_STEPS * SUBSTEPS)
+    episodes.simulation.step(BRAKED_STEPS * DEFAULT_SUBSTEPS)
     return episodes
 
 
 def retreated(episodes: Episodes) -> Iterator[State]:
     """The states after each physics step of the robot's retreat."""
     retreat = Retreat(episodes.simulation)
-    while (action := retreat.action()) is not None:
+    while (action := retreat.next_action()) is not None:
         episodes.simulation.command_robot(action[None])
-        for _ in range(SUBSTEPS):
+        for _ in range(DEFAULT_SUBSTEPS):
             episodes.simulation.step(1)
             yield episodes.simulation.state()
 
@@ -61,7 +61,7 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
     carries = "ArmManipulation" in environment
     before = episodes.simulation.state()
     states = list(retreated(episodes))
-    assert len(states) <= round(MAX_DURATION_S / CONTROL_STEP_S) * SUBSTEPS
+    assert len(states) <= round(MAX_DURATION_S / CONTROL_STEP_S) * DEFAULT_SUBSTEPS
     for state in states:
         assert state.total_force_n[0] <= before.total_force_n[0] + (CARRIED_N if carries else RELEASED_N)
         if np.linalg.norm(state.tool_pos_w - state.head_pos_w) < 0.3:
@@ -74,4 +74,4 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
 def test_a_tool_that_is_away_stays() -> None:
     episodes = Episodes("avrgym/FeedingJaco-v1", 1, moving=True, num_threads=1)
     episodes.reset(np.array([0]), [np.random.default_rng(0)])
-    assert Retreat(episodes.simulation).action() is None
+    assert Retreat(episodes.simulation).next_action() is None

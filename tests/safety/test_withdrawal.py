@@ -10,9 +10,9 @@ from numpy.testing import assert_array_equal
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.policies.trained import packaged_policies
-from avrgym.safety.retreat import SPEED_M_S
-from avrgym.safety.withdrawal import MOUTH_DISTANCE_M, SETTLING_TIME_S
-from avrgym.tasks.control_loop import Step
+from avrgym.safety.retreat import TOOL_SPEED_M_S
+from avrgym.safety.withdrawal import FINAL_MOUTH_DISTANCE_M, SETTLING_TIME_S
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 
@@ -49,16 +49,16 @@ def generators() -> list[np.random.Generator]:
 class Course:
     """Whole episodes: each step, and in which worlds (N,) the withdrawal drove it."""
 
-    steps: list[Step]
+    steps: list[StepOutcome]
     driven: list[BoolArray]
 
 
 def course(environment: str, policy: str, *, withdraws: bool, steps: int = STEPS) -> Course:
     episodes = reset_episodes(environment, withdraws=withdraws)
     found = Course([], [])
-    with registry.open_policy(registry.find(policy, environment), episodes, generators()) as act:
+    with registry.open_policy(registry.resolve_policy(policy, environment), episodes, generators()) as act:
         for _ in range(steps):
-            found.driven.append(episodes.loop.withdrawing)
+            found.driven.append(episodes.control_loop.withdrawing)
             found.steps.append(episodes.step(act(episodes.observe()).astype(float)))
     return found
 
@@ -76,10 +76,10 @@ def assert_withdraws(environment: str, policy: str) -> None:
     slowed[BRAKED_STEPS:] = driven[:-BRAKED_STEPS]
     for step, withdrawing, steady in zip(found.steps, found.driven, slowed, strict=True):
         assert (step.reward[withdrawing] == 0.0).all()
-        assert (step.tool_speed_m_s[steady] < SPEED_M_S + 0.02).all()
+        assert (step.tool_speed_m_s[steady] < TOOL_SPEED_M_S + 0.02).all()
     last = found.steps[-1]
     assert (last.force_on_person_n[over] == 0.0).all()
-    assert (last.distance_m[over] > MOUTH_DISTANCE_M - 0.02).all()
+    assert (last.distance_m[over] > FINAL_MOUTH_DISTANCE_M - 0.02).all()
     assert (last.tool_speed_m_s[over] < 0.01).all()
 
 
@@ -120,8 +120,8 @@ def test_until_then_no_bit_differs() -> None:
 
 def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
-    with registry.open_policy(registry.find("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.loop.withdrawing.all():
+    with registry.open_policy(registry.resolve_policy("revised", FEEDING), episodes, generators()) as act:
+        while not episodes.control_loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
         for _ in range(3):
             episodes.step(act(episodes.observe()).astype(float))
@@ -132,11 +132,11 @@ def test_a_copy_goes_on_withdrawing_to_the_same_bits() -> None:
 
 def test_a_new_episode_is_driven_by_its_policy() -> None:
     episodes = reset_episodes(FEEDING, withdraws=True)
-    with registry.open_policy(registry.find("revised", FEEDING), episodes, generators()) as act:
-        while not episodes.loop.withdrawing.all():
+    with registry.open_policy(registry.resolve_policy("revised", FEEDING), episodes, generators()) as act:
+        while not episodes.control_loop.withdrawing.all():
             episodes.step(act(episodes.observe()).astype(float))
     episodes.reset(np.array([1]), [np.random.default_rng(8)])
-    assert episodes.loop.withdrawing.tolist() == [True, False]
+    assert episodes.control_loop.withdrawing.tolist() == [True, False]
 
 
 def test_other_engines_refuse_it() -> None:

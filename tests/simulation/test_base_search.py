@@ -6,7 +6,7 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.geometry.kinematics import Chain
 from avrgym.models.robot import BaseRange
 from avrgym.simulation import base_search
-from avrgym.simulation.base_search import BaseChoice, BasePoses
+from avrgym.simulation.base_search import BasePoses, BaseSearchResult
 
 WORLDS = 12
 SEED_POSE_RAD = np.array([0.7, 0.5, -0.7, -1.7, 2.0, -2.0, -2.4])
@@ -21,13 +21,13 @@ def pr2_like() -> Chain:
     inf = np.inf
     x, y, z = np.eye(3)
     return Chain(
-        pos=np.array([[-0.05, -0.188, 0.79], 0.1 * x, 0 * x, 0.4 * x, 0 * x, 0.321 * x, 0 * x]),
-        q=np.tile(transforms.IDENTITY_QUATERNION, (7, 1)),
-        axis=np.array([z, y, x, y, x, y, x]),
+        body_pos=np.array([[-0.05, -0.188, 0.79], 0.1 * x, 0 * x, 0.4 * x, 0 * x, 0.321 * x, 0 * x]),
+        body_q=np.tile(transforms.IDENTITY_QUATERNION, (7, 1)),
+        joint_axis=np.array([z, y, x, y, x, y, x]),
         tip_pos=np.array([0.3, 0.0, 0.0]),
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower=np.array([-2.285, -0.5236, -3.9, -2.3213, -inf, -2.18, -inf]),
-        upper=np.array([0.715, 1.3963, 0.8, 0.0, inf, 0.0, inf]),
+        lower_limit=np.array([-2.285, -0.5236, -3.9, -2.3213, -inf, -2.18, -inf]),
+        upper_limit=np.array([0.715, 1.3963, 0.8, 0.0, inf, 0.0, inf]),
     )
 
 
@@ -52,7 +52,7 @@ class Problem:
         worlds: slice = slice(None),
         seed_pose: np.ndarray = SEED_POSE_RAD,
         path_cost: base_search.PathCost | None = None,
-    ) -> BaseChoice:
+    ) -> BaseSearchResult:
         candidates = BasePoses(self.candidates.pos_w[worlds], self.candidates.yaw_rad[worlds])
         goal_q = None if self.goal_q_w is None else self.goal_q_w[worlds]
         start_pos, start_q = self.start_pos_w[worlds], self.start_q_w[worlds]
@@ -99,10 +99,10 @@ def test_the_arm_starts_where_it_should(problem):
     choice = problem.search_base_pose()
     assert choice.reached.all()
     pos_w, q_w = tip_in_world(choice.base, choice.joint_positions)
-    assert np.linalg.norm(pos_w - problem.start_pos_w, axis=-1).max() < kinematics.ACCURACY_M
-    assert transforms.angle_between(q_w, problem.start_q_w).max() < kinematics.ACCURACY_RAD
-    assert (choice.joint_positions >= np.maximum(CHAIN.lower, -np.pi)).all()
-    assert (choice.joint_positions <= np.minimum(CHAIN.upper, np.pi)).all()
+    assert np.linalg.norm(pos_w - problem.start_pos_w, axis=-1).max() < kinematics.MAX_POSITION_ERROR_M
+    assert transforms.angle_between(q_w, problem.start_q_w).max() < kinematics.MAX_ROTATION_ERROR_RAD
+    assert (choice.joint_positions >= np.maximum(CHAIN.lower_limit, -np.pi)).all()
+    assert (choice.joint_positions <= np.minimum(CHAIN.upper_limit, np.pi)).all()
 
 
 def test_the_chosen_base_is_one_of_the_candidates(problem):
@@ -147,7 +147,7 @@ def test_no_candidate_is_better_than_the_chosen_one(rng):
     """Scored again one by one, in full precision and up to the goals; the search stops up to 2 cm before them."""
     problem = Problem(rng, count=2, candidates=20)
     choice = problem.search_base_pose()
-    for world, index in enumerate(choice.index):
+    for world, index in enumerate(choice.candidate_index):
         goals, isotropy = plain_score(problem, world, index, choice.joint_positions[world])
         scores = [plain_score(problem, world, candidate, SEED_POSE_RAD) for candidate in range(20)]
         most_goals, most_isotropy = max(scores)
@@ -173,7 +173,7 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
         return np.abs(yaw_rad)
 
     chosen = problem.search_base_pose(path_cost=cost)
-    assert seen["yaw"].shape == (WORLDS, base_search.NUM_REHEARSALS)
+    assert seen["yaw"].shape == (WORLDS, base_search.NUM_PATH_COSTS)
     assert_array_equal(seen["yaw"][:, 0], plain.base.yaw_rad)
     assert_array_equal(np.abs(chosen.base.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
     assert chosen.reached.all()
@@ -222,19 +222,19 @@ def test_worlds_without_any_base_say_so(problem):
 def test_a_bad_seed_pose_is_made_up_for(rng):
     """Every world finds its base, and most a choice of at least ten."""
     choice = Problem(rng, count=64).search_base_pose(seed_pose=BAD_SEED_RAD)
-    assert choice.reached.all()
+    assert choice.start_reached.all()
     assert np.mean(choice.scores.start_reached.sum(axis=-1) >= 10) > 0.8
 
 
 # Bits
 
 
-def assert_same(some: BaseChoice, among: BaseChoice, worlds: slice) -> None:
-    assert_array_equal(some.index, among.index[worlds])
-    assert_array_equal(some.base.pos_w, among.base.pos_w[worlds])
-    assert_array_equal(some.base.yaw_rad, among.base.yaw_rad[worlds])
+def assert_same(some: BaseSearchResult, among: BaseSearchResult, worlds: slice) -> None:
+    assert_array_equal(some.candidate_index, among.candidate_index[worlds])
+    assert_array_equal(some.base_poses.pos_w, among.base_poses.pos_w[worlds])
+    assert_array_equal(some.base_poses.yaw_rad, among.base_poses.yaw_rad[worlds])
     assert_array_equal(some.joint_positions, among.joint_positions[worlds])
-    assert_array_equal(some.reached, among.reached[worlds])
+    assert_array_equal(some.start_reached, among.start_reached[worlds])
     for name, score in vars(some.scores).items():
         assert_array_equal(score, getattr(among.scores, name)[worlds])
 

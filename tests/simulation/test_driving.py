@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.geometry.kinematics import action_jacobian
-from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, CartesianController
+from avrgym.policies.cartesian_control import HAND_SPEED_LIMIT_M_S, CartesianController
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.episodes import Episodes
 
@@ -104,5 +104,5 @@ def test_an_operator_moves_the_hand_in_every_direction(episodes):
     for direction in np.concatenate([np.eye(3), -np.eye(3)]):
         velocity_b = j[:3] @ (hand.action(direction, np.zeros(3)) * episodes.scene.speed_limit)
         velocity_w = transforms.rotate(base_q_w, velocity_b[None])[0]
-        assert velocity_w @ direction > 0.3 * SPEED_LIMIT_M_S
-        assert np.linalg.norm(velocity_w - velocity_w @ direction * direction) < 0.1 * SPEED_LIMIT_M_S
+        assert velocity_w @ direction > 0.3 * HAND_SPEED_LIMIT_M_S
+        assert np.linalg.norm(velocity_w - velocity_w @ direction * direction) < 0.1 * HAND_SPEED_LIMIT_M_S

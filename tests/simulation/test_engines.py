@@ -181,7 +181,7 @@ def test_steps_on_the_device_go_the_way_of_those_on_threads(there: Episodes) -> 
             np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=0.05, err_msg=name)
         np.testing.assert_array_equal(found.success, wanted.success)
         most_n = max(most_n, float(wanted.force_on_person_n.max()))
-    there.check()
+    there.check_device_results()
     assert most_n > 1.0
     assert {value.dtype for value in (found.observation, found.reward, *found.reward_terms.values())} == {
         warp.import_libraries().torch.float32
@@ -199,7 +199,7 @@ def test_a_step_on_the_device_copies_nothing_to_the_host(there: Episodes, both: 
         for _ in range(2):
             there.step(action)
     with pytest.raises(HostCopyError), forbid_host_copies():
-        there.check()
+        there.check_device_results()
     with pytest.raises(HostCopyError), forbid_host_copies():
         both[1].step(np.full((3, 7), 0.3))
 
@@ -208,12 +208,12 @@ def test_a_step_on_the_device_copies_nothing_to_the_host(there: Episodes, both: 
 def test_an_overflow_on_the_device_ends_the_episode(there: Episodes) -> None:
     begin(there)
     overflow = there.simulation.engine._data.overflow  # pyright: ignore[reportAttributeAccessIssue]
-    for ask in (there.check, lambda: begin(there)):
+    for ask in (there.check_device_results, lambda: begin(there)):
         overflow.assign(np.array([1, 0], dtype=np.int32))
         there.step(tensor(np.zeros((2, 7))))
         with pytest.raises(RuntimeError, match="buffers of engine 'warp' overflowed: NEFC in 1 of 2 worlds"):
             ask()
-    there.check()
+    there.check_device_results()
 
 
 @with_warp
@@ -227,8 +227,8 @@ def test_actions_on_the_device_are_tensors_there_and_finite(there: Episodes) -> 
     with pytest.raises(
         ValueError, match=r"actions in 1 worlds contain NaN or infinity; allowed: finite numbers"
     ):
-        there.check()
-    there.check()
+        there.check_device_results()
+    there.check_device_results()
 
 
 @with_warp

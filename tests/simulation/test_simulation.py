@@ -5,15 +5,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
 from avrgym.models import human
-from avrgym.models.furniture import BOWL_BODY, BOWL_START_M
+from avrgym.models.furniture import BOWL_BODY, BOWL_INITIAL_POS_M
 from avrgym.models.human import Person
 from avrgym.models.robot import PREFIX as ROBOT
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.people import distributions
 from avrgym.simulation.worlds import REMOVED_PARTICLE_POS_W, Simulation
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.feeding.task import SPOON_Q_W
+from avrgym.tasks.feeding.task import SPOON_START_Q_W
 from helpers.simulation.worlds import jerky_actions
 
 FEEDING = "avrgym/FeedingJaco-v1"
@@ -58,7 +58,7 @@ def test_two_halves_of_a_control_step_are_the_whole(rng):
     whole, halves = reset_episodes(8), reset_episodes(8)
     for action in rng.uniform(-1, 1, (5, 8, 7)):
         whole.step(action)
-        halves.command(action)
+        halves.command_robots(action)
         halves.simulation.step(5)
         halves.simulation.step(5)
         halves.evaluate_step(action)
@@ -92,9 +92,9 @@ def test_each_world_has_a_person_of_its_own():
     state = episodes.simulation.state()
     assert len(np.unique(state.head_pos_w.round(6), axis=0)) == 8
     for world in range(8):
-        person = episodes.person_in(world)
+        person = episodes.person_of_world(world)
         pos, q = human.body_frames(distributions.repeat_person(person, 1))
-        frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
         centre = pos["head"] + transforms.rotate(q["head"], frames.site_pos["head_centre"])
         assert_allclose(state.head_pos_w[world], centre[0], atol=1e-9)
         assert_allclose(transforms.angle_between(state.head_q_w[world], q["head"][0]), 0, atol=1e-7)
@@ -103,7 +103,7 @@ def test_each_world_has_a_person_of_its_own():
 
 
 def test_a_moving_person_is_the_same_body_as_a_static_one():
-    person = Person("man", 0.55, human.joint_angles(head_z=20.0, waist_x=10.0))
+    person = Person("man", 0.55, human.seated_joint_angles(head_z=20.0, waist_x=10.0))
     static, moving = (
         reset_episodes(1, person=person, moving=moving).simulation.state() for moving in (False, True)
     )
@@ -116,10 +116,12 @@ def test_a_moving_person_is_the_same_body_as_a_static_one():
 def test_a_moving_person_goes_where_the_targets_are():
     """Within 2 degrees after a second: waist and head twice as far as in a rollout, arms anywhere near."""
     episodes = reset_episodes(1, person=Person("woman", 0.54), moving=True)
-    target = human.joint_angles(waist_x=15.0, waist_y=10.0, head_y=-10.0, head_z=40.0, left_elbow_x=-60.0)
+    target = human.seated_joint_angles(
+        waist_x=15.0, waist_y=10.0, head_y=-10.0, head_z=40.0, left_elbow_x=-60.0
+    )
     episodes.simulation.command_person(target[None])
     episodes.simulation.step(100)
-    assert_allclose(episodes.simulation.person_angles_rad()[0], target, atol=np.radians(2.0))
+    assert_allclose(episodes.simulation.person_joint_angles_rad()[0], target, atol=np.radians(2.0))
 
 
 # The arm
@@ -172,7 +174,7 @@ def test_no_joint_is_much_faster_than_its_limit(rng):
     free = fastest = 0.0
     for tick, action in enumerate(np.repeat(jerky_actions(rng, worlds, 30), 5, axis=0)):
         if tick % 5 == 0:
-            episodes.command(action)
+            episodes.command_robots(action)
         simulation.step(2)
         speed = (np.abs(velocity[:, joints]) / episodes.scene.arm.speed_limit).max(axis=1)
         for world in range(worlds):
@@ -240,8 +242,8 @@ def pressed(scene) -> Simulation:
     who = distributions.repeat_person(Person("man", 0.60), 1)
     head = human.body_frames(who)[0]["head"]
     tool = head + np.array([0.0, -0.135, 0.06])
-    bowl = {BOWL_BODY: np.array([BOWL_START_M])}
-    level, uniforms = SPOON_Q_W[None], np.full((1, placement.NUM_UNIFORMS), 0.5)
+    bowl = {BOWL_BODY: np.array([BOWL_INITIAL_POS_M])}
+    level, uniforms = SPOON_START_Q_W[None], np.full((1, placement.NUM_UNIFORMS), 0.5)
     start = placement.find_start(scene, who, bowl, tool, level, tool[:, None], level[:, None], uniforms)
     simulation.reset(np.array([0]), start)
     for _ in range(8):
@@ -273,7 +275,7 @@ def test_the_force_sensors_are_the_sums_of_contact_forces(feeding_scene):
     simulation.step(9)
     data, model = simulation.batch.get_data(0), simulation.batch.get_model(0)
     mujoco.mj_forward(model, data)
-    by_tool = contact_force(model, data, TOOL, human.PREFIX)
+    by_tool = contact_force(model, data, SCENE_TOOL_BODY, human.PREFIX)
     by_robot = contact_force(model, data, ROBOT, human.PREFIX)
     simulation.step(1)
     state = simulation.state()
@@ -304,7 +306,7 @@ def test_forces_on_the_person_add_up_over_contacts_of_links_and_tool():
         for world in range(16):
             model, data = simulation.batch.get_model(world), simulation.batch.get_data(world)
             mujoco.mj_forward(model, data)
-            expected.append([sum(contact_forces(model, data, by)) for by in (ROBOT, TOOL)])
+            expected.append([sum(contact_forces(model, data, by)) for by in (ROBOT, SCENE_TOOL_BODY)])
         total, tool = np.array(expected).T
         simulation.step(1)
         state = simulation.state()

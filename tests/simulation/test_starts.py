@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from avrgym.models import collision_bits
-from avrgym.models.human import SEATED_RAD, TORSO_HEIGHT_RANGE_M, Person, joint_angles
+from avrgym.models.human import SEATED_POSE_RAD, TORSO_HEIGHT_RANGE_M, Person, seated_joint_angles
 from avrgym.people.arm_clearance import clearance, furniture_boxes, person_capsules
 from avrgym.simulation.start_clearance import NoClearanceError
-from avrgym.tasks.episodes import MAX_START_DRAWS, Episodes
+from avrgym.tasks.episodes import MAX_START_SAMPLES, Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.live_world.world import LiveWorld
 from helpers.simulation.initial_states import (
@@ -49,7 +49,7 @@ def test_starts_with_overlaps_are_drawn_again():
     false = reset_episodes(SCRATCHING, 128, "revised", "limits", checked=False)
     assert deepest_overlap_m(false) > 0.02
     again = reset_episodes(SCRATCHING, 128, "revised", "limits")
-    assert 0.05 < (again.start_draws > 1).mean() < 0.2
+    assert 0.05 < (again.start_samples > 1).mean() < 0.2
     assert deepest_overlap_m(again) == 0.0
     assert first_step_forces(again).max() == 0.0
 
@@ -59,20 +59,20 @@ def test_a_start_without_overlap_is_that_of_the_first_draw(environment):
     old, new = (
         reset_episodes(environment, 24, "revised", "limits", checked=checked) for checked in (False, True)
     )
-    first = new.start_draws == 1
+    first = new.start_samples == 1
     assert first.sum() > 15
-    for of in (Episodes.observe, Episodes.marks_w, lambda e: e.simulation.joint_positions()):
+    for of in (Episodes.observe, Episodes.marker_positions_w, lambda e: e.simulation.joint_positions()):
         assert_array_equal(of(old)[first], of(new)[first])
 
 
 def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
     together = reset_episodes(SCRATCHING, 64, "revised", "limits", num_threads=2)
-    again = np.nonzero(together.start_draws > 1)[0]
+    again = np.nonzero(together.start_samples > 1)[0]
     assert len(again) > 2
     for world in again[:3]:
         alone = Episodes(SCRATCHING, 1, people="revised", impairment="limits", num_threads=1)
         alone.reset(np.array([0]), [np.random.default_rng(int(world))])
-        assert alone.start_draws[0] == together.start_draws[world]
+        assert alone.start_samples[0] == together.start_samples[world]
         assert_array_equal(
             alone.simulation.integration_state(0), together.simulation.integration_state(world)
         )
@@ -94,13 +94,16 @@ def test_everybody_who_sits_upright_finds_room(environment, moving):
     ("pose", "words"),
     [
         (HAND_AT_ROBOT_RAD, "person's right (hand|forearm|upper arm)"),
-        (joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0), "left .* inside the wheelchair left armrest"),
+        (
+            seated_joint_angles(left_shoulder_y=-20.0, left_elbow_x=0.0),
+            "left .* inside the wheelchair left armrest",
+        ),
     ],
 )
 def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
     episodes = Episodes(FEEDING, 2, person=Person("woman", 0.54, pose), num_threads=1)
     with pytest.raises(
-        ValueError, match=f"none of {MAX_START_DRAWS} initial states has enough clearance.*{words}"
+        ValueError, match=f"none of {MAX_START_SAMPLES} initial states has enough clearance.*{words}"
     ):
         episodes.reset(np.arange(2), [np.random.default_rng(i) for i in range(2)])
 
@@ -109,7 +112,7 @@ def test_a_person_who_never_has_room_is_refused_in_words(pose, words):
 def test_no_live_world_begins_inside_the_participant():
     with pytest.raises(NoClearanceError, match="the person's right"):
         LiveWorld(FEEDING, Person("woman", 0.54, HAND_AT_ROBOT_RAD))
-    world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_RAD))
+    world = LiveWorld(FEEDING, Person("woman", 0.54, SEATED_POSE_RAD))
     world.joint_targets_rad = HAND_AT_ROBOT_RAD
     with pytest.raises(NoClearanceError):
         world.reset(1)
@@ -130,7 +133,7 @@ def test_fitted_people_find_room_too(tmp_path):
         "right_shoulder_y = [5.0, 40.0]\n"
     )
     episodes = reset_episodes(FEEDING, 48, str(file), "tremor")
-    assert (episodes.start_draws > 1).any()
+    assert (episodes.start_samples > 1).any()
     assert deepest_overlap_m(episodes) == 0.0
     assert first_step_forces(episodes).max() == 0.0
 
@@ -141,6 +144,6 @@ def test_the_check_sees_what_the_simulator_sees():
     touched = np.nonzero(first_step_forces(false) > 0.0)[0]
     judge = Episodes(SCRATCHING, 128, people="revised", impairment="limits", num_threads=1)
     assert judge._clearance is not None
-    conflicts = judge._clearance.conflicts(false.simulation.geoms(np.arange(128)))
+    conflicts = judge._clearance.find_conflicts(false.simulation.geoms(np.arange(128)))
     assert all(conflicts[world] is not None for world in touched)
     assert all("person's right hand" in str(conflicts[world]) for world in touched)

@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 
 from avrgym.models import collision_bits
 from avrgym.models.robot import PREFIX
-from avrgym.simulation.unused_computation import without_unused_computation
+from avrgym.simulation.unused_computation import remove_unused_computation
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
 
@@ -64,7 +64,7 @@ def test_people_who_move_may_touch_a_robots_base():
 def test_the_model_itself_stays_whole():
     simulation = reset_episodes("avrgym/FeedingPR2-v1", moving=False).simulation
     before = {field: getattr(simulation.model, field).copy() for field in LEFT_OUT}
-    without_unused_computation(simulation.model)
+    remove_unused_computation(simulation.model)
     for field, values in before.items():
         assert_array_equal(getattr(simulation.model, field), values, field)
     assert (simulation.model.geom_contype == collision_bits.ROBOT.contype).sum() > 20

@@ -13,8 +13,8 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.skeletons import writing
-from avrgym.skeletons.writing import TEMPLATES, distribution, module
-from avrgym.tasks.constants import TASKS
+from avrgym.skeletons.writing import TEMPLATE_NAMES, distribution_name, module_name
+from avrgym.tasks.constants import PACKAGED_TASKS
 from helpers.system.example_package import avrgym, environment_variables, python
 
 SKELETONS = Path(writing.__file__).parent
@@ -54,7 +54,7 @@ def test_each_template_passes_its_own_tests(installed: Path) -> None:
 def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None:
     avrgym(installed, "envs", "--json", "envs.json")
     listed = {row["env"] for row in json.loads((installed / "envs.json").read_text())}
-    assert {f"avrgym/{task}LongArm2-v1" for task in TASKS} <= listed
+    assert {f"avrgym/{task}LongArm2-v1" for task in PACKAGED_TASKS} <= listed
     assert {f"avrgym/RollUpSleeve{robot}-v1" for robot in ("Jaco", "PR2", "LongArm2")} <= listed
     asked = [sys.executable, "-c", "from avrgym.cli import app; app()", "evaluate"]
     refused = subprocess.run(
@@ -68,19 +68,19 @@ def test_each_template_is_listed_with_the_packaged_ones(installed: Path) -> None
 @pytest.mark.parametrize("kind", NAMES)
 def test_nothing_of_the_template_s_name_is_left(kind: str, installed: Path) -> None:
     written = files_in(installed / kind)
-    assert Path("src", module(NAMES[kind]), "__init__.py") in written
-    for spelt in (str, module, distribution):
-        name = spelt(TEMPLATES[kind])  # type: ignore[index]
+    assert Path("src", module_name(NAMES[kind]), "__init__.py") in written
+    for spelt in (str, module_name, distribution_name):
+        name = spelt(TEMPLATE_NAMES[kind])  # type: ignore[index]
         assert [path for path, text in written.items() if name in f"{path} {text}"] == []
     project = tomllib.loads(written[Path("pyproject.toml")])["project"]
-    assert project["name"] == distribution(NAMES[kind])
+    assert project["name"] == distribution_name(NAMES[kind])
 
 
 @pytest.mark.parametrize(
     ("name", "spelt"), [("LiftArm", "lift_arm"), ("UR5", "ur5"), ("Gen3Lite", "gen3_lite"), ("A", "a")]
 )
 def test_a_name_is_spelt_as_python_spells_modules(name: str, spelt: str) -> None:
-    assert module(name) == spelt
+    assert module_name(name) == spelt
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from avrgym.recording.reader import read_recording
 from avrgym.study.storage import database
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation.in_process_client import InProcessClient
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
@@ -28,7 +28,7 @@ def memory_bytes() -> int:
 
 
 def test_200_kills_do_not_change_a_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     design = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "trial_steps": "3", "free_movement_s": "0.1"}
     undisturbed, killed = (make_study(tmp_path / name, **design) for name in ("undisturbed", "killed"))
     print(compare_with_killed(undisturbed, killed, tmp_path / "journal", kills=200))
@@ -44,13 +44,14 @@ def test_a_long_session_has_constant_memory_and_loses_no_frame(tmp_path: Path) -
     plan = SessionPlan(trials, "woman", 0.5, simulated=True, items=(), trial_steps=20, countdown_s=0.5)
     memory: list[int] = []
     client = InProcessClient(
-        SimulatedParticipant(draw_traits("woman", 1), 1), lambda _: memory.append(memory_bytes())
+        SimulatedParticipant(sample_participant_traits("woman", 1), 1),
+        lambda _: memory.append(memory_bytes()),
     )
     session = Session(plan, constant_policies(plan), tmp_path, client.receive, "soak")
     client.run(session)
     assert len(session.recordings) == TRIALS
     for path in session.recordings:
-        frames = [frame.sequence for _, frame in read_recording(path).topics["/tracking"]]
+        frames = [frame.sequence for _, frame in read_recording(path).messages_by_topic["/tracking"]]
         assert all(after == before + 1 for before, after in pairwise(frames))
     warm = memory[len(memory) * WARM_TRIALS // TRIALS]
     growth = memory[-1] - warm

@@ -21,7 +21,7 @@ pytest.importorskip("stable_baselines3", reason="training is an extra")
 
 from avrgym.learning import training
 from avrgym.learning.configuration import FeedforwardConfiguration
-from avrgym.learning.training import Progress, train
+from avrgym.learning.training import TrainingProgress, train
 from avrgym.system.cluster import Cluster, connect
 from helpers.learning.ray_nodes import add_node, assert_same_training, kill_node, process_and_node, ray_nodes
 from helpers.system.processes import kill_with_parent
@@ -52,13 +52,13 @@ def _short_evaluation(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def undisturbed_training(updates: int, folder: Path) -> tuple[FeedforwardConfiguration, Path]:
     """Train for a number of updates in one process, without kills."""
-    configuration = replace(SMALL, steps=updates * SMALL.update_steps)
+    configuration = replace(SMALL, steps=updates * SMALL.steps_per_update)
     train(configuration, folder / "undisturbed")
     return configuration, folder / "undisturbed"
 
 
 def first_worker(cluster: Cluster) -> int:
-    return cluster.run_all(process_and_node, [(), ()])[0][0]
+    return cluster.starmap(process_and_node, [(), ()])[0][0]
 
 
 def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_workers_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
     killed: list[int] = []
     with ray_nodes(1, 1) as nodes, connect(nodes.address, 2) as cluster:
 
-        def kill(progress: Progress) -> None:
+        def kill(progress: TrainingProgress) -> None:
             if len(killed) < WORKERS_KILLED:
                 killed.append(first_worker(cluster))
                 after_s = 0.05 + 0.4 * (len(killed) * 0.618 % 1.0)
@@ -83,7 +83,7 @@ def test_nodes_are_killed_in_the_middle_of_updates(tmp_path: Path) -> None:
     killed: list[Any] = []
     with ray_nodes(1, 1) as nodes, connect(nodes.address, 2) as cluster:
 
-        def kill(progress: Progress) -> None:
+        def kill(progress: TrainingProgress) -> None:
             if len(killed) < NODES_KILLED:
                 killed.append(next(iter(nodes.worker_nodes)))
                 threading.Timer(0.2, kill_node, (killed[-1],)).start()

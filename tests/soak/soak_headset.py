@@ -19,7 +19,7 @@ from avrgym.recording.reader import read_recording
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.emulation import emulated_headset
 from avrgym.vr.emulation.emulated_headset import BrowserClient
-from avrgym.vr.latency import TOTAL, percentiles_ms
+from avrgym.vr.latency import TOTAL_LATENCY_KEY, percentiles_ms
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.browser.journey import Journey
 
@@ -38,7 +38,7 @@ MEASURED_S = 15.0
 @pytest.fixture
 def long_timeout(monkeypatch: pytest.MonkeyPatch) -> None:
     """Extend the timeout: software rendering of a room takes many seconds."""
-    monkeypatch.setattr(emulated_headset, "TIMEOUT_S", 600.0)
+    monkeypatch.setattr(emulated_headset, "PAGE_TIMEOUT_S", 600.0)
 
 
 class MeasuringClient(BrowserClient):
@@ -135,9 +135,9 @@ def measured(journey: Journey, environment: str) -> Budget:
     cdp = page.context.new_cdp_session(page)
     cdp.send("Performance.enable", {"timeDomain": "threadTicks"})
     page.evaluate("() => { pageMeter.frames.length = 0; }")
-    spent_s, drawn = script_s(cdp), journey.headset.call("framesDrawn")
+    spent_s, drawn = script_s(cdp), journey.headset.call_emulator("framesDrawn")
     time.sleep(MEASURED_S)
-    spent_s, drawn = script_s(cdp) - spent_s, journey.headset.call("framesDrawn") - drawn
+    spent_s, drawn = script_s(cdp) - spent_s, journey.headset.call_emulator("framesDrawn") - drawn
     meter = page.evaluate(
         "() => ({ bytes: pageMeter.bytes, frames: pageMeter.frames, scenes: pageMeter.scenes,"
         " largest: pageMeter.largest() })"
@@ -179,7 +179,7 @@ def test_a_long_session_at_90_hz_has_constant_memory_and_synchronous_clocks(tmp_
         journey.session._ended_elsewhere = lambda: time.monotonic() > ends_s
         client.run()
         ways = [latency_ms(path) for path in journey.session.recordings]
-        sent, missed = journey.headset.call("trackingSent"), journey.server.loop.missed_ticks
+        sent, missed = journey.headset.call_emulator("trackingSent"), journey.server.loop.missed_ticks
     lasted_s = client.memory[-1][0]
     print(
         f"\n{lasted_s / 60:.1f} minutes, {len(ways)} trials, {sent / lasted_s:.0f} frames of tracking a second"
@@ -195,7 +195,7 @@ def test_a_long_session_at_90_hz_has_constant_memory_and_synchronous_clocks(tmp_
     assert abs(parted_ms) < MAX_DRIFT_MS
     told = [each for each in ways if each]
     quarter = max(len(told) // 4, 1)
-    for stage in ("up_ms", "down_ms", TOTAL):
+    for stage in ("up_ms", "down_ms", TOTAL_LATENCY_KEY):
         early, late = (
             median(each[stage]["p50"] for each in some) for some in (told[:quarter], told[-quarter:])
         )
@@ -205,7 +205,7 @@ def test_a_long_session_at_90_hz_has_constant_memory_and_synchronous_clocks(tmp_
 
 def latency_ms(recording: Path) -> dict[str, dict[str, float]]:
     """Return latency percentiles of a trial's frames by stage."""
-    return percentiles_ms([record for _, record in read_recording(recording).topics["/latency"]])
+    return percentiles_ms([record for _, record in read_recording(recording).messages_by_topic["/latency"]])
 
 
 def server_bytes() -> int:

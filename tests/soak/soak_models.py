@@ -5,16 +5,22 @@ from collections.abc import Callable
 
 import pytest
 
-from avrgym.analysis.models.effects import EFFECTS, TrialValue, design_matrix, effects
-from avrgym.analysis.models.estimate import FitError
-from avrgym.analysis.models.fitting import LOGISTIC, MIXED, ORDINAL, drop_constant_groups, estimate_effects
-from avrgym.analysis.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal
-from avrgym.analysis.power.power import count_significant
-from avrgym.analysis.power.simulated_studies import Assumptions
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.analysis.models.effects import EFFECT_KINDS, TrialValue, design_matrix, effects_of_interest
+from avrgym.analysis.models.estimate import ModelFitError
+from avrgym.analysis.models.fitting import (
+    LOGISTIC_MODEL,
+    MIXED_MODEL,
+    ORDINAL_MODEL,
+    drop_constant_groups,
+    estimate_effects,
+)
+from avrgym.analysis.models.ordinal import MANCL_DEROUEN, UNCORRECTED, fit_ordinal_model
+from avrgym.analysis.power.power import count_significant_studies
+from avrgym.analysis.power.simulated_studies import PowerAssumptions
+from avrgym.study.design.design import Design, default_design_text, parse_design
 from helpers.studies.simulated_results import simulated_answers, simulated_rewards, simulated_successes
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 STUDIES = 1000
 PARTICIPANTS = (4, 8, 16)
 Simulate = Callable[[Design, int, int], list[TrialValue]]
@@ -24,24 +30,24 @@ def no_drift(design: Design, participants: int, number: int) -> list[TrialValue]
     return simulated_answers(design, participants, number, drift=0.0)
 
 
-KINDS = {ORDINAL: no_drift, LOGISTIC: simulated_successes, MIXED: simulated_rewards}
+KINDS = {ORDINAL_MODEL: no_drift, LOGISTIC_MODEL: simulated_successes, MIXED_MODEL: simulated_rewards}
 
 
 @pytest.mark.parametrize("participants", PARTICIPANTS)
 @pytest.mark.parametrize("model", KINDS)
 def test_false_positives_are_about_five_percent(model: str, participants: int) -> None:
     """Random effects of participants, also by policy, robot and task; no effect of policies."""
-    wanted, imagine = effects(DESIGN), KINDS[model]
+    wanted, imagine = effects_of_interest(DESIGN), KINDS[model]
     hits: Counter[str] = Counter()
     fitted: Counter[str] = Counter()
     for number in range(STUDIES):
         for effect, found in estimate_effects(
             DESIGN, model, imagine(DESIGN, participants, number), wanted
         ).items():
-            if not isinstance(found, FitError):
+            if not isinstance(found, ModelFitError):
                 fitted[effect.kind] += 1
                 hits[effect.kind] += found.p < 0.05
-    shares = {kind: 100 * hits[kind] / fitted[kind] for kind in EFFECTS}
+    shares = {kind: 100 * hits[kind] / fitted[kind] for kind in EFFECT_KINDS}
     told = ", ".join(f"{kind} {share:.1f} %" for kind, share in shares.items())
     print(f"\n{model}, {participants} participants, {fitted['policies']} of {STUDIES} fitted: {told}")
     assert fitted["policies"] > 0.8 * STUDIES
@@ -53,19 +59,19 @@ def test_false_positives_are_about_five_percent(model: str, participants: int) -
 @pytest.mark.parametrize("participants", PARTICIPANTS)
 def test_false_positives_of_other_tests(participants: int) -> None:
     """The paper's tests by trial and the uncorrected covariance are anticonservative, the others conservative."""
-    counted = count_significant(
-        DESIGN, Assumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES)
+    counted = count_significant_studies(
+        DESIGN, PowerAssumptions(dropout=0.0, drift=0.0), 0.0, participants, 0, range(STUDIES)
     )
     for (test, _), (hits, _) in counted.items():
         print(f"\n{test}, {participants} participants: {100 * hits / STUDIES:.1f} %")
-    policies = effects(DESIGN)[0]
+    policies = effects_of_interest(DESIGN)[0]
     for name, correction in (("uncorrected", UNCORRECTED), ("Mancl and DeRouen", MANCL_DEROUEN)):
         hits = 0
         for number in range(STUDIES):
-            observed, _ = drop_constant_groups(ORDINAL, no_drift(DESIGN, participants, number))
+            observed, _ = drop_constant_groups(ORDINAL_MODEL, no_drift(DESIGN, participants, number))
             given = design_matrix(DESIGN, observed)
             people = [each.participant for each in observed]
-            fitted = fit_ordinal([each.value for each in observed], given.matrix, people, correction)
+            fitted = fit_ordinal_model([each.value for each in observed], given.matrix, people, correction)
             hits += fitted.estimate(given.contrast(policies)).p < 0.05
         print(f"ordinal, {name}, {participants} participants: {100 * hits / STUDIES:.1f} %")
     by_trial = next(hits for (test, _), (hits, _) in counted.items() if test == "policies, by trial")

@@ -13,7 +13,7 @@ DAMAGES = 5000
 
 
 def test_damage_at_any_byte_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store))

@@ -6,8 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym.models.human import LOWER_RAD, SEATED_RAD, TORSO_HEIGHT_RANGE_M, UPPER_RAD, Person
-from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.models.human import (
+    LOWER_LIMITS_RAD,
+    SEATED_POSE_RAD,
+    TORSO_HEIGHT_RANGE_M,
+    UPPER_LIMITS_RAD,
+    Person,
+)
+from avrgym.people.distributions import BASE_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -39,12 +45,12 @@ def test_100_000_initial_states_have_no_overlap_and_no_contact(environment: str,
     file = tmp_path / "fitted.toml"
     file.write_text(FITTED)
     looked, drawn_again = 0, 0
-    for people, impairment in product([*DISTRIBUTIONS, str(file)], IMPAIRMENTS):
+    for people, impairment in product([*BASE_DISTRIBUTIONS, str(file)], IMPAIRMENTS):
         episodes = Episodes(environment, STARTS_PER_POPULATION, people=people, impairment=impairment)
         generators = [np.random.default_rng([seed, looked]) for seed in range(STARTS_PER_POPULATION)]
         episodes.reset(np.arange(STARTS_PER_POPULATION), generators)
         looked += STARTS_PER_POPULATION
-        drawn_again += int((episodes.start_draws > 1).sum())
+        drawn_again += int((episodes.start_samples > 1).sum())
         assert deepest_overlap_m(episodes) == 0.0, (people, impairment)
         assert first_step_forces(episodes).max() <= 10.0, (people, impairment)
     print(
@@ -67,7 +73,11 @@ def test_fixed_people_in_any_pose_do_not_overlap_or_raise_an_error(environment: 
     random = np.random.default_rng(5)
     refused = 0
     for number in range(PERSONS):
-        pose = np.clip(SEATED_RAD + random.normal(0.0, 0.5, len(SEATED_RAD)), LOWER_RAD, UPPER_RAD)
+        pose = np.clip(
+            SEATED_POSE_RAD + random.normal(0.0, 0.5, len(SEATED_POSE_RAD)),
+            LOWER_LIMITS_RAD,
+            UPPER_LIMITS_RAD,
+        )
         person = Person(("man", "woman")[number % 2], float(random.uniform(*TORSO_HEIGHT_RANGE_M)), pose)
         episodes = Episodes(environment, 2, person=person, moving=number % 4 > 1, num_threads=1)
         try:
@@ -88,7 +98,7 @@ def test_contact_forces_stay_below_the_limit_of_compliance(environment: str) -> 
         (people, impairment, how): float(
             peak_forces(environment, CONTACT_WORLDS, people, impairment, how, steps=CONTACT_STEPS).max()
         )
-        for people, impairment, how in product(DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
+        for people, impairment, how in product(BASE_DISTRIBUTIONS, IMPAIRMENTS, MOTIONS)
     }
     largest = max(peaks, key=lambda kind: peaks[kind])
     by_how = {how: round(max(peaks[kind] for kind in peaks if kind[2] == how)) for how in MOTIONS}

@@ -33,7 +33,7 @@ IMAGE_AFTER_S = {
     "trial": 4.0, "paused": 0.5, "retreat": 1.5, "free_after": 0.5, "questionnaire": 0.5, "confirm": 0.5,
 }  # fmt: skip
 """Time of the image after the start of each phase."""
-LOOKING_DOWN_RAD = human.joint_angles(head_x=45.0) - human.joint_angles(head_x=0.0)
+LOOKING_DOWN_RAD = human.seated_joint_angles(head_x=45.0) - human.seated_joint_angles(head_x=0.0)
 
 
 class SteppedClock:
@@ -105,13 +105,17 @@ class Photographer(BrowserClient):
 
     @property
     def _is_to_be_pictured(self) -> bool:
-        return self._phase[0] in IMAGE_AFTER_S and self._picture not in self.taken
+        return self._phase[0] in IMAGE_AFTER_S and self._picture not in self.screenshots
 
     def _frame(self) -> Any:
         name, now_s = self._phase[0], self._time.now_s()
         if name != "check":
-            return self._participant.frame(now_s, moving=name != "calibration", watching=name == "trial")
-        return self._participant.frame_from_angles(self._participant._rest_rad + LOOKING_DOWN_RAD, now_s)
+            return self._participant.tracking_frame(
+                now_s, moving=name != "calibration", watching=name == "trial"
+            )
+        return self._participant.tracking_frame_from_angles(
+            self._participant._rest_rad + LOOKING_DOWN_RAD, now_s
+        )
 
     def _take_picture(self, now_s: float) -> None:
         if now_s - self._phase_began > IMAGE_AFTER_S.get(self._phase[0], np.inf):
@@ -124,7 +128,7 @@ class Photographer(BrowserClient):
 def test_every_phase_is_pictured(environment: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     time = SteppedClock()
     monkeypatch.setattr(real_time_loop, "_clock_s", time.now_s)
-    monkeypatch.setattr(emulated_headset, "PHASE_LIMIT_S", float("inf"))
+    monkeypatch.setattr(emulated_headset, "MAX_PHASE_S", float("inf"))
     plan = SessionPlan(
         [TrialPlan(environment, "revised", seed=3, practice=False)],
         "woman",

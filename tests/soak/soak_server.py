@@ -23,7 +23,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Entered,
@@ -40,7 +40,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.protocol.state_encoding import StateDecoder
 from avrgym.vr.server.certificate import load_or_create_certificate
-from avrgym.vr.server.connection import MESSAGES_PER_S
+from avrgym.vr.server.connection import MAX_MESSAGES_PER_S
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.system.processes import kill_with_parent
@@ -95,7 +95,7 @@ class Attendant:
     """A simulated participant with a real socket: calibration, a trial with 50 Hz tracking, and answers."""
 
     def __init__(self, server: LiveServer[Session], opened: ExitStack) -> None:
-        self.person = SimulatedParticipant(draw_traits("woman", 2), 2)
+        self.person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
         self.inbox: Counter[type] = Counter()
         self.phase, self.finite, self.ended = "", True, False
         self._states = StateDecoder()
@@ -121,7 +121,7 @@ class Attendant:
     def _take(self, message: Message) -> None:
         self.inbox[type(message)] += 1
         if isinstance(message, Scene):
-            self._states.begin_scene()
+            self._states.reset()
             self.send(SceneLoaded(url=message.url))
         elif isinstance(message, Phase):
             self.phase = message.name
@@ -136,7 +136,9 @@ class Attendant:
         while not self.ended:
             now_s = time.monotonic() - began
             try:
-                self.send(self.person.frame(now_s, moving=self.phase not in ("", "waiting", "calibration")))
+                self.send(
+                    self.person.tracking_frame(now_s, moving=self.phase not in ("", "waiting", "calibration"))
+                )
                 if self.phase in ("calibration", "check", "paused") and now_s > pressed + 1.5:
                     pressed = now_s
                     self.send(Ready())
@@ -149,7 +151,7 @@ def connect_client(server: LiveServer[Session], path: str, token: str, opened: E
     """Open a socket and complete the hello and welcome messages."""
     url = f"ws://127.0.0.1:{server.port}{path}"
     socket_ = opened.enter_context(connect(url, max_size=None, max_queue=None))
-    socket_.send(messages.encode(Hello(messages.PROTOCOL, token, "soak", emulated=True)))
+    socket_.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "soak", emulated=True)))
     data = socket_.recv(TIMEOUT_S)
     assert isinstance(data, bytes)
     assert isinstance(messages.decode_server(data), Welcome)
@@ -276,7 +278,7 @@ def test_300_silent_handshakes_are_closed(tmp_path: Path, few_handles: None) -> 
 def fuzzed(seed: int) -> Iterator[bytes]:
     """Yield messages endlessly: valid ones with damaged bytes or fields, random MessagePack, random bytes."""
     rng = random.Random(seed)
-    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
     numbers = [
         0,
         -1,
@@ -293,12 +295,12 @@ def fuzzed(seed: int) -> Iterator[bytes]:
         True,
     ]
     while True:
-        frame = msgspec.to_builtins(person.frame(rng.uniform(0.0, 100.0), moving=True))
+        frame = msgspec.to_builtins(person.tracking_frame(rng.uniform(0.0, 100.0), moving=True))
         kinds: list[dict] = [
             frame, {"type": "answer", "item": "L1", "value": 4, "response_time_s": 1.0}, {"type": "stop"},
             {"type": "choose_body", "sex": "man", "skin_tone": "light"}, {"type": "command", "name": "end"},
             {"type": "scene_loaded", "url": "scenes/0.glb"}, {"type": "correct_torso_height", "torso_height_m": 0.5},
-            {"type": "hello", "protocol": messages.PROTOCOL, "token": "x", "device": "", "emulated": True},
+            {"type": "hello", "protocol": messages.PROTOCOL_VERSION, "token": "x", "device": "", "emulated": True},
         ]  # fmt: skip
         message = rng.choice(kinds)
         name = rng.choice(list(message))
@@ -337,7 +339,7 @@ def send_all(
             with connect(f"ws://127.0.0.1:{server.port}{path}", max_size=None, max_queue=None) as stranger:
                 threading.Thread(target=drain, args=(stranger,), daemon=True).start()
                 if token:
-                    stranger.send(messages.encode(Hello(messages.PROTOCOL, token, "", emulated=True)))
+                    stranger.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "", emulated=True)))
                 while count > 0:
                     data = next(source)
                     if not is_valid(data, messages.decode_experimenter):
@@ -405,4 +407,4 @@ def send_by(attendant: Attendant, count: int, sent: Counter[str]) -> None:
             attendant.send(data)
             sent["own"] += 1
             count -= 1
-            time.sleep(2.0 / MESSAGES_PER_S)
+            time.sleep(2.0 / MAX_MESSAGES_PER_S)

@@ -16,7 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from avrgym.study.checking.checks import check_study
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
 from avrgym.study.storage import database, hash_chain
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
@@ -40,17 +40,17 @@ Fact = tuple[str, int]
 @pytest.fixture(params=["sqlite", "postgresql"])
 def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The database of the test's studies."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     if request.param == "postgresql":
         server = request.getfixturevalue("postgresql")
-        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
+        monkeypatch.setenv(database.DATABASE_URL_VARIABLE, new_postgresql_database(server))
     return request.param
 
 
 @pytest.fixture
 def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A study with a completed participant."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
     return tmp_path / "study"
@@ -61,10 +61,10 @@ def on_sqlite(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def run_study(folder: Path, url: str, acknowledged: Connection) -> None:
     """Enrol participants with names and run their trials until killed. Reports each acknowledged fact."""
-    os.environ[database.URL_VARIABLE] = url
+    os.environ[database.DATABASE_URL_VARIABLE] = url
     with Store(folder) as store:
         for number in count():
-            pseudonym = enrol(
+            pseudonym = enrol_participant(
                 store, "woman", name=f"{SURNAME} {os.getpid()} {number}", contact="a@example.org"
             )
             acknowledged.send((pseudonym, 0))
@@ -95,7 +95,7 @@ def kill(folder: Path, after_s: float) -> list[Fact]:
     context.set_forkserver_preload(["helpers.studies.small_studies"])
     here, there = context.Pipe(duplex=False)
     process = context.Process(
-        target=run_study, args=(folder, os.environ.get(database.URL_VARIABLE, ""), there)
+        target=run_study, args=(folder, os.environ.get(database.DATABASE_URL_VARIABLE, ""), there)
     )
     process.start()
     there.close()
@@ -200,10 +200,10 @@ def test_each_bit_flipped_in_recordings_is_detected(on_sqlite: Path, tmp_path: P
 
 def rows(folder: Path) -> dict[str, list]:
     """Return the rows of every table."""
-    with Store(folder) as store, store.database.read() as connection:
+    with Store(folder) as store, store.database.read_transaction() as connection:
         return {
             name: [tuple(row) for row in connection.execute(sa.select(table))]
-            for name, table in hash_chain.TABLES.items()
+            for name, table in hash_chain.CHAINED_TABLES.items()
         }
 
 
@@ -212,12 +212,12 @@ def test_each_bit_flipped_in_a_value_is_detected(kind: str, tmp_path: Path) -> N
     rng, found = random.Random(17), 0
     with Store(small_study(tmp_path / "study")) as store:
         run_participant(store, enrol_with_consent(store))
-        assert store.database.faults() == []
+        assert store.database.find_faults() == []
         while found < FLIPS:
             with store.database._engine.connect() as connection, connection.begin() as transaction:
                 if not flip_value(connection, rng):
                     continue
-                faults = list(hash_chain.faults(connection))
+                faults = list(hash_chain.find_faults(connection))
                 transaction.rollback()
             assert faults
             found += 1
@@ -226,7 +226,7 @@ def test_each_bit_flipped_in_a_value_is_detected(kind: str, tmp_path: Path) -> N
 
 def flip_value(connection: sa.Connection, rng: random.Random) -> bool:
     """Flip a bit of a value. Returns whether the database stored it."""
-    table = rng.choice(list(hash_chain.TABLES.values()))
+    table = rng.choice(list(hash_chain.CHAINED_TABLES.values()))
     found = connection.execute(sa.select(table)).all()
     if not found:
         return False

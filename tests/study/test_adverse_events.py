@@ -11,21 +11,21 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.adverse_events import describe_adverse_events
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.cli import app
-from avrgym.study.export import FORMATS, FORMATS_WITH_RECORDS, export_study
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export import EXPORT_FORMATS, FORMATS_WITH_RECORDS, export_study
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.records import ExportOptions
 from avrgym.study.people.adverse_events import (
-    SCALES,
-    Report,
-    group_by_event,
+    RATING_SCALES,
+    AdverseEventDetails,
+    group_reports_by_event,
     record_adverse_event,
     safety_events,
 )
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, withdraw
-from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import open_session, record_session_event
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -33,7 +33,7 @@ from helpers.studies.known_results import write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 SECRET = "Grace-Unverwechselbar"
-DIZZY = Report(
+DIZZY = AdverseEventDetails(
     began_at="2026-11-27T14:30:00+01:00",
     description=f"{SECRET} felt dizzy",
     severity="mild",
@@ -55,8 +55,8 @@ def store(tmp_path: Path) -> Iterator[Store]:
         yield opened
 
 
-def changed(**changes: Any) -> Report:
-    return Report(**{name: getattr(DIZZY, name) for name in DIZZY.__struct_fields__} | changes)
+def changed(**changes: Any) -> AdverseEventDetails:
+    return AdverseEventDetails(**{name: getattr(DIZZY, name) for name in DIZZY.__struct_fields__} | changes)
 
 
 def read(path: Path) -> list[dict[str, str]]:
@@ -66,20 +66,20 @@ def read(path: Path) -> list[dict[str, str]]:
 
 def test_follow_ups_keep_earlier_reports(store: Store) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY, recorded_by="kim")
-    before = store.adverse_events("sub-001")
+    before = store.adverse_event_reports("sub-001")
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
     second = record_adverse_event(store, "sub-001", changed(trial=None))
     record_adverse_event(
         store, "sub-001", changed(outcome="recovered", severity="severe"), follows=number + 1
     )
-    assert store.adverse_events("sub-001")[:1] == before
+    assert store.adverse_event_reports("sub-001")[:1] == before
     assert before[0].began_at == "2026-11-27T13:30:00+00:00"
     assert before[0].recorded_by == "kim"
-    dizzy, other = group_by_event(store.adverse_events("sub-001"))
+    dizzy, other = group_reports_by_event(store.adverse_event_reports("sub-001"))
     assert [report.outcome for report in dizzy.reports] == ["recovering", "recovered", "recovered"]
-    assert (dizzy.number, dizzy.latest.severity) == (number, "severe")
-    assert (other.number, other.latest.trial) == (second, None)
-    assert store.database.faults() == []
+    assert (dizzy.event_number, dizzy.latest_report.severity) == (number, "severe")
+    assert (other.event_number, other.latest_report.trial) == (second, None)
+    assert store.database.find_faults() == []
     names = [event.name for event in store.events() if "adverse" in event.name]
     assert names == [
         f"adverse event {what}" for what in ("recorded", "followed up", "recorded", "followed up")
@@ -87,13 +87,13 @@ def test_follow_ups_keep_earlier_reports(store: Store) -> None:
 
 
 @pytest.mark.fast_cases(2)
-@pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.parametrize("scale", RATING_SCALES)
 def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> None:
-    for grade in SCALES[scale]:
+    for grade in RATING_SCALES[scale]:
         record_adverse_event(store, "sub-001", changed(**{scale: grade}))
-    with pytest.raises(StudyError, match=f"unknown {scale} 'awful'; allowed: {SCALES[scale][0]}"):
+    with pytest.raises(StudyError, match=f"unknown {scale} 'awful'; allowed: {RATING_SCALES[scale][0]}"):
         record_adverse_event(store, "sub-001", changed(**{scale: "awful"}))
-    assert len(store.adverse_events("sub-001")) == len(SCALES[scale])
+    assert len(store.adverse_event_reports("sub-001")) == len(RATING_SCALES[scale])
 
 
 @pytest.mark.fast_cases(2)
@@ -120,22 +120,22 @@ def test_invalid_reports_are_rejected(
     store: Store, pseudonym: str, changes: dict[str, Any], follows: int | None, words: str
 ) -> None:
     record_adverse_event(store, "sub-001", DIZZY)
-    before = store.adverse_events("sub-001")
+    before = store.adverse_event_reports("sub-001")
     with pytest.raises(StudyError, match=words):
         record_adverse_event(store, pseudonym, changed(**changes), follows=follows)
-    assert store.adverse_events("sub-001") == before
+    assert store.adverse_event_reports("sub-001") == before
 
 
 def test_deletion_removes_reports_and_withdrawal_keeps_them(store: Store) -> None:
     number = record_adverse_event(store, "sub-001", DIZZY)
     record_adverse_event(store, "sub-001", changed(outcome="recovered"), follows=number)
     withdraw(store, "sub-001", "dizzy")
-    assert len(store.adverse_events("sub-001")) == 2
+    assert len(store.adverse_event_reports("sub-001")) == 2
     record_adverse_event(store, "sub-002", DIZZY)
     delete_participant(store, "sub-001")
-    assert store.adverse_events("sub-001") == []
-    assert len(store.adverse_events("sub-002")) == 1
-    assert store.database.faults() == []
+    assert store.adverse_event_reports("sub-001") == []
+    assert len(store.adverse_event_reports("sub-002")) == 1
+    assert store.database.find_faults() == []
     held = [path for path in store.folder.rglob("*") if path.is_file()]
     assert sum(path.read_bytes().count(SECRET.encode()) for path in held) == 1
 
@@ -145,11 +145,11 @@ def test_safety_events_are_separate_from_adverse_events(store: Store) -> None:
     attempt = begin_attempt(store, session.id, 1)
     record_session_event(store, session.id, "stopped", "by participant", attempt.id)
     record_session_event(store, session.id, "continued", "", attempt.id)
-    end_attempt(store, attempt.id, "stopped")
+    end_incomplete_attempt(store, attempt.id, "stopped")
     (stop,) = safety_events(store, "sub-002")
     assert (stop.trial, stop.name, stop.detail) == (1, "stopped", "by participant")
     assert list(safety_events(store, "sub-001")) == []
-    assert store.adverse_events("sub-002") == []
+    assert store.adverse_event_reports("sub-002") == []
 
 
 # Exports
@@ -187,7 +187,7 @@ def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data
         assert (SECRET in second["action"], SECRET in first["recorded_by"]) == (secret, secret)
 
 
-@pytest.mark.parametrize("data_format", sorted(set(FORMATS) - set(FORMATS_WITH_RECORDS)))
+@pytest.mark.parametrize("data_format", sorted(set(EXPORT_FORMATS) - set(FORMATS_WITH_RECORDS)))
 def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
     with pytest.raises(StudyError, match="cannot contain free text and health data; allowed: csv, bids"):
         export_study(store, data_format, tmp_path / "out", extras=ExportOptions(free_text=True))
@@ -213,7 +213,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
     assert "has no adverse event 7" in run(
         "record-adverse-event", folder, "sub-001", "--follow-up", 7, code=1
     )
-    first, second = store.adverse_events("sub-001")
+    first, second = store.adverse_event_reports("sub-001")
     assert (second.description, second.trial, second.began_at) == ("neck pain", first.trial, first.began_at)
     assert (first.recorded_by, second.recorded_by) == ("kim", "alex")
     shown = run("adverse-events", folder, "--json", tmp_path / "a.json", "--out", tmp_path / "board")
@@ -225,7 +225,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
     ]
     assert len(read(tmp_path / "board" / "adverse_events.tsv")) == 2
     described = json.loads((tmp_path / "board" / "adverse_events.json").read_text())
-    assert list(described) == list(TABLES["adverse_events"])
+    assert list(described) == list(COLUMNS_BY_TABLE["adverse_events"])
     assert (tmp_path / "board").stat().st_mode & 0o077 == 0
 
 
@@ -234,7 +234,7 @@ def test_command_records_follows_up_and_lists_events(store: Store, tmp_path: Pat
 
 @pytest.mark.slow
 def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None:
-    write_without_figures(analyse(store), store.folder, tmp_path / "none")
+    write_without_figures(analyse_study(store), store.folder, tmp_path / "none")
     page = (tmp_path / "none" / "report" / "index.html").read_text()
     assert "No adverse events were recorded." in page
     assert read(tmp_path / "none" / "tables" / "adverse_events.csv") == []
@@ -243,7 +243,7 @@ def test_report_counts_events_by_condition(store: Store, tmp_path: Path) -> None
     record_adverse_event(store, "sub-001", changed(trial=1, relatedness="unlikely"))
     record_adverse_event(store, "sub-002", changed(trial=None))
     withdraw(store, "sub-001")
-    analysis = analyse(store)
+    analysis = analyse_study(store)
     assert describe_adverse_events(analysis) == (
         "3 adverse events in 2 of 2 people; 0 serious, 2 possibly, probably or definitely related to the study."
     )

@@ -35,7 +35,7 @@ WHY = "'Nausea' was answered 'moderate'; the limit of its stop rule is 3"
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', practice_policy='""')
     with open(folder / "study.toml", "a") as file:
         file.write(ASKED)
@@ -69,9 +69,9 @@ def test_keyboard_answers_and_reason_of_a_pause(
     ):
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         dashboard, page = (browser.new_page(viewport={"width": 360, "height": 640}) for _ in range(2))
-        dashboard.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        dashboard.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         expect(dashboard.locator("#server")).to_contain_text("Connected")
-        page.goto(server.urls("?detail=light")[0])
+        page.goto(server.page_urls("?detail=light")[0])
         expect(page.locator("#statement")).to_have_text("Nausea")
         assert answers(page) == ["none", "slight", "moderate", "severe"]
         expect(page.locator("#anchors")).to_be_hidden()

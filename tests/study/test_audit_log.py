@@ -15,22 +15,22 @@ from typer.testing import CliRunner, Result
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
-from avrgym.analysis.log import StudyLog, log_section
+from avrgym.analysis.log import AccessLogSummary, access_log_section
 from avrgym.analysis.report import write_report
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.request_log import LiveLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.records import ExportOptions
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import experimenters
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.experimenters import (
-    Experimenters,
+    ExperimenterTokens,
     add_experimenter,
     list_experimenters,
     revoke_experimenter,
@@ -40,17 +40,17 @@ from avrgym.study.plan.frozen_plan import read_frozen_plan
 from avrgym.study.sessions.threads import StorageThread
 from avrgym.study.storage import database, hash_chain, schema
 from avrgym.study.storage.audit_log import (
-    ACCOUNT,
     ADD_EXPERIMENTER,
+    COMPUTER_ACCOUNT,
     IDENTIFICATION_METHODS,
-    OWN_TOKEN,
-    REFUSED,
+    PERSONAL_TOKEN,
+    REJECTED_COMMAND,
     SHARED_TOKEN,
-    Actor,
-    account_actor,
-    add_entry,
+    AuditActor,
+    add_log_entry,
+    process_user,
 )
-from avrgym.study.storage.rows import LogEntry
+from avrgym.study.storage.rows import AuditLogEntry
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
@@ -64,13 +64,13 @@ from helpers.studies.small_studies import enrol_with_consent, make_study, run_pa
 from helpers.vr.received_states import decode_message
 from helpers.vr.visit import constant_policies, plan
 
-ADA, PATIENCE_S = Actor("ada", OWN_TOKEN), 60.0
+ADA, PATIENCE_S = AuditActor("ada", PERSONAL_TOKEN), 60.0
 NAME, NOTE, REASON = "Grace Participant", "she laughed aloud", "felt unwell today"
 
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture
@@ -84,9 +84,9 @@ def served(
     store: Store, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[tuple[LiveServer[Session], str]]:
     """A server of the study, and the token of the experimenter ada."""
-    monkeypatch.setattr(experimenters, "REFRESH_S", 0.05)
+    monkeypatch.setattr(experimenters, "TOKEN_REFRESH_INTERVAL_S", 0.05)
     token = add_experimenter(store, "ada")
-    with StorageThread() as storing, Experimenters(store) as known:
+    with StorageThread() as storing, ExperimenterTokens(store) as known:
         log = LiveLog(store, storing, pytest.fail)
         with LiveServer(
             lambda send: Session(plan(), constant_policies(plan()), tmp_path / "free", send, "test"),
@@ -94,7 +94,7 @@ def served(
             0,
             study=lambda tokens, _: dashboard_app(store, tokens),
             tokens=StudyTokens.of_study(tmp_path / "tokens.json", known, SessionLinks()),
-            record=lambda _, caller, message: log.record(caller, message, "sub-001"),
+            record=lambda _, caller, message: log.log_message(caller, message, "sub-001"),
         ) as server:
             yield server, token
 
@@ -103,7 +103,7 @@ def served(
 def watching(server: LiveServer[Session], token: str) -> Iterator[ClientConnection]:
     """A connected socket of a spectator."""
     with connect(f"ws://127.0.0.1:{server.port}/watch", max_size=None) as socket:
-        socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
         yield socket
 
 
@@ -115,15 +115,15 @@ def ask(server: LiveServer[Session], token: str, path: str, body: Any = None) ->
     )
 
 
-def told(entries: list[LogEntry]) -> list[tuple[str, str, str, int | None, str]]:
+def told(entries: list[AuditLogEntry]) -> list[tuple[str, str, str, int | None, str]]:
     return [(each.person, each.known_by, each.name, each.participant, each.detail) for each in entries]
 
 
-def awaited(store: Store, name: str) -> LogEntry:
+def awaited(store: Store, name: str) -> AuditLogEntry:
     """Wait for the entry with this name."""
     discard_attempt = time.monotonic() + PATIENCE_S
     while time.monotonic() < discard_attempt:
-        for entry in store.log():
+        for entry in store.audit_log():
             if entry.name == name:
                 return entry
         time.sleep(0.01)
@@ -153,17 +153,17 @@ def test_dashboard_actions_and_views_are_logged_by_person(
     assert ask(server, shared, "/overview").json()["experimenter"] == ""
     gone = {"reason": REASON}
     assert ask(server, shared, "/participants/sub-001/withdrawal", gone).status_code == 204
-    assert told(store.log()) == [
-        ("ada", OWN_TOKEN, "enrol", 1, ""),
-        ("ada", OWN_TOKEN, "add note", 1, ""),
-        ("ada", OWN_TOKEN, "begin session", 1, REFUSED),
-        ("ada", OWN_TOKEN, "view dashboard", None, ""),
-        ("ada", OWN_TOKEN, "view participant", 1, ""),
+    assert told(store.audit_log()) == [
+        ("ada", PERSONAL_TOKEN, "enrol", 1, ""),
+        ("ada", PERSONAL_TOKEN, "add note", 1, ""),
+        ("ada", PERSONAL_TOKEN, "begin session", 1, REJECTED_COMMAND),
+        ("ada", PERSONAL_TOKEN, "view dashboard", None, ""),
+        ("ada", PERSONAL_TOKEN, "view participant", 1, ""),
         ("unnamed", SHARED_TOKEN, "view dashboard", None, ""),
         ("unnamed", SHARED_TOKEN, "withdraw", 1, ""),
     ]
-    assert all(entry.at.endswith("+00:00") for entry in store.log())
-    assert not [word for word in (NAME, "grace@", NOTE, REASON) if word in repr(store.log())]
+    assert all(entry.at.endswith("+00:00") for entry in store.audit_log())
+    assert not [word for word in (NAME, "grace@", NOTE, REASON) if word in repr(store.audit_log())]
 
 
 def test_commands_of_a_running_session_are_logged_by_person(
@@ -179,8 +179,8 @@ def test_commands_of_a_running_session_are_logged_by_person(
     with watching(server, server.tokens.experimenter) as socket:
         socket.send(messages.encode(Command(name="end")))
         awaited(store, "end")
-    assert told([entry]) == [("ada", OWN_TOKEN, "repeat", 1, "")]
-    assert told(store.log())[-2:] == [
+    assert told([entry]) == [("ada", PERSONAL_TOKEN, "repeat", 1, "")]
+    assert told(store.audit_log())[-2:] == [
         ("unnamed", SHARED_TOKEN, "watch", 1, ""),
         ("unnamed", SHARED_TOKEN, "end", 1, ""),
     ]
@@ -226,8 +226,8 @@ def test_only_the_checksum_of_a_token_is_stored(store: Store) -> None:
 
 
 def test_commands_are_logged_by_account(tmp_path: Path) -> None:
-    folder, who = small_study(tmp_path / "study"), account_actor()
-    assert who.identified_by == ACCOUNT
+    folder, who = small_study(tmp_path / "study"), process_user()
+    assert who.identification_method == COMPUTER_ACCOUNT
     assert command("study", "enrol", folder, "--body", "woman", "--name", NAME).exit_code == 0
     assert command("study", "withdraw", folder, "sub-001", "--reason", REASON).exit_code == 0
     added = command("study", "add-experimenter", folder, "ada")
@@ -240,13 +240,13 @@ def test_commands_are_logged_by_account(tmp_path: Path) -> None:
     assert command("study", "export", folder, "--format", "csv", "--out", tmp_path / "out").exit_code == 0
     assert command("study", "delete-participant", folder, "sub-001").exit_code == 0
     with Store(folder) as store:
-        assert told(store.log()) == [
-            (who.name, ACCOUNT, "enrol", 1, ""),
-            (who.name, ACCOUNT, "withdraw", 1, ""),
-            (who.name, ACCOUNT, "add experimenter", None, "ada"),
-            (who.name, ACCOUNT, "revoke experimenter", None, "ada"),
-            (who.name, ACCOUNT, "export", None, "csv"),
-            (who.name, ACCOUNT, "delete participant", 1, ""),
+        assert told(store.audit_log()) == [
+            (who.name, COMPUTER_ACCOUNT, "enrol", 1, ""),
+            (who.name, COMPUTER_ACCOUNT, "withdraw", 1, ""),
+            (who.name, COMPUTER_ACCOUNT, "add experimenter", None, "ada"),
+            (who.name, COMPUTER_ACCOUNT, "revoke experimenter", None, "ada"),
+            (who.name, COMPUTER_ACCOUNT, "export", None, "csv"),
+            (who.name, COMPUTER_ACCOUNT, "delete participant", 1, ""),
         ]
         assert check_study(store) == []
 
@@ -259,28 +259,28 @@ def test_commands_are_logged_by_account(tmp_path: Path) -> None:
 )
 def test_edited_log_entry_is_found(store: Store, change: str) -> None:
     for name in ("stop", "repeat"):
-        add_entry(store, ADA, name)
-    assert store.database.faults() == []
-    with store.database.write() as connection:
+        add_log_entry(store, ADA, name)
+    assert store.database.find_faults() == []
+    with store.database.write_transaction() as connection:
         connection.execute(sa.text(change))
-    assert [where for where, _ in store.database.faults()] == ["log 1"]
+    assert [where for where, _ in store.database.find_faults()] == ["log 1"]
 
 
 def test_duplicate_log_entry_is_found(store: Store) -> None:
-    add_entry(store, ADA, "stop")
-    with store.database.write() as connection:
-        hash_chain.update(connection, schema.LOG, 1, person="eve")
-    assert store.database.faults() == [
+    add_log_entry(store, ADA, "stop")
+    with store.database.write_transaction() as connection:
+        hash_chain.update(connection, schema.LOG_TABLE, 1, person="eve")
+    assert store.database.find_faults() == [
         ("log 1", "was changed or deleted; entries of the log must not change")
     ]
 
 
 def test_log_entries_remain_after_deletion_of_a_participant(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
-    add_entry(store, ADA, "view participant", pseudonym)
+    add_log_entry(store, ADA, "view participant", pseudonym)
     delete_participant(store, pseudonym)
-    assert told(store.log()) == [("ada", OWN_TOKEN, "view participant", 1, "")]
-    assert store.database.faults() == []
+    assert told(store.audit_log()) == [("ada", PERSONAL_TOKEN, "view participant", 1, "")]
+    assert store.database.find_faults() == []
 
 
 # Exports and merged sites
@@ -288,9 +288,9 @@ def test_log_entries_remain_after_deletion_of_a_participant(store: Store) -> Non
 
 def test_export_contains_the_log_with_a_codebook(store: Store, tmp_path: Path) -> None:
     run_participant(store, enrol_with_consent(store))
-    add_entry(store, ADA, "repeat", "sub-001")
-    add_entry(store, ADA, "export", detail="csv", shows_results=True)
-    add_entry(store, ADA, ADD_EXPERIMENTER, detail="eve")
+    add_log_entry(store, ADA, "repeat", "sub-001")
+    add_log_entry(store, ADA, "export", detail="csv", shows_results=True)
+    add_log_entry(store, ADA, ADD_EXPERIMENTER, detail="eve")
     export_study(store, "csv", tmp_path / "out")
     named = tmp_path / "named"
     export_study(store, "csv", named, extras=ExportOptions(free_text=True))
@@ -300,7 +300,7 @@ def test_export_contains_the_log_with_a_codebook(store: Store, tmp_path: Path) -
         ("ada", "eve"),
     ]
     rows = read_csv(tmp_path / "out" / "log.csv")
-    assert list(rows[0]) == list(TABLES["log"])
+    assert list(rows[0]) == list(COLUMNS_BY_TABLE["log"])
     assert [(row["person"], row["name"], row["participant"], row["completed"]) for row in rows] == [
         ("person 1", "repeat", "sub-001", ""),
         ("person 1", "export", "", "1"),
@@ -323,22 +323,22 @@ def test_logs_of_sites_are_merged_once(tmp_path: Path) -> None:
     folders = [make_site(tmp_path / name, name, trials=(1,)) for name in ("atlanta", "berlin")]
     for folder in folders:
         with Store(folder) as store:
-            add_entry(store, ADA, "stop", "sub-001")
+            add_log_entry(store, ADA, "stop", "sub-001")
             add_experimenter(store, "ada")
     out = tmp_path / "all"
     merge_studies(folders, out)
     with Store(out) as store:
-        add_entry(store, ADA, "analyze")
+        add_log_entry(store, ADA, "analyze")
     merge_studies(folders, out)
     with Store(out) as store:
-        assert told(store.log()) == [
-            ("ada", OWN_TOKEN, "analyze", None, ""),
-            ("ada", OWN_TOKEN, "stop", 1001, ""),
-            ("ada", OWN_TOKEN, "stop", 2001, ""),
+        assert told(store.audit_log()) == [
+            ("ada", PERSONAL_TOKEN, "analyze", None, ""),
+            ("ada", PERSONAL_TOKEN, "stop", 1001, ""),
+            ("ada", PERSONAL_TOKEN, "stop", 2001, ""),
         ]
         assert list_experimenters(store) == []
-        assert store.database.faults() == []
-        people = analyse(store).log.people
+        assert store.database.find_faults() == []
+        people = analyse_study(store).access_log.people
     assert people == ["ada", "ada of atlanta", "ada of berlin"]
 
 
@@ -365,7 +365,7 @@ def test_early_views_of_results_are_a_deviation(planned: Path) -> None:
     assert command("analyze", planned).exit_code == 0
     shown = command("study", "check", planned).stdout
     expected = (
-        f"were viewed 2 times after 1 of 2 participants by the account {account_actor().name}, first at "
+        f"were viewed 2 times after 1 of 2 participants by the account {process_user().name}, first at "
     )
     assert f"deviates from the plan: {expected}" in shown
     assert command("analyze", planned).exit_code == 0
@@ -379,9 +379,9 @@ def test_early_views_of_results_are_a_deviation(planned: Path) -> None:
 
 
 def test_empty_log_after_a_rebuild_proves_nothing() -> None:
-    empty = StudyLog(entries=0, people=[], first_at=None, last_at=None, interim_looks=[])
-    assert "no view of this study was logged" in log_section(empty, rebuilt_at=None)
-    rebuilt = log_section(empty, rebuilt_at="2026-11-27T17:05:22+00:00")
+    empty = AccessLogSummary(entries=0, people=[], first_at=None, last_at=None, interim_looks=[])
+    assert "no view of this study was logged" in access_log_section(empty, rebuilt_at=None)
+    rebuilt = access_log_section(empty, rebuilt_at="2026-11-27T17:05:22+00:00")
     assert "no view of this study was logged" not in rebuilt
     assert "entries from before that are lost" in rebuilt
 
@@ -390,26 +390,26 @@ def test_empty_log_after_a_rebuild_proves_nothing() -> None:
 def test_views_after_the_planned_end_are_no_deviation(planned: Path) -> None:
     with Store(planned) as store:
         run_participant(store, enrol_with_consent(store))
-        add_entry(store, ADA, "view results", shows_results=True)
-        (entry,) = (each for each in store.log() if each.name == "view results")
+        add_log_entry(store, ADA, "view results", shows_results=True)
+        (entry,) = (each for each in store.audit_log() if each.name == "view results")
         assert (entry.completed, entry.planned) == (2, 2)
         assert interim(store) == []
-        before = analyse(store).log.entries
-        add_entry(store, ADA, "analyze", shows_results=True)
-        assert analyse(store).log.entries == before
+        before = analyse_study(store).access_log.entries
+        add_log_entry(store, ADA, "analyze", shows_results=True)
+        assert analyse_study(store).access_log.entries == before
 
 
 def test_views_without_results_are_no_deviation(store: Store) -> None:
     enrol_with_consent(store)
-    add_entry(store, ADA, "analyze", shows_results=True)
-    assert [(each.completed, each.planned) for each in store.log()] == [(None, None)]
+    add_log_entry(store, ADA, "analyze", shows_results=True)
+    assert [(each.completed, each.planned) for each in store.audit_log()] == [(None, None)]
     assert interim(store) == []
 
 
 def test_simulated_participants_do_not_count_with_people(store: Store) -> None:
     run_participant(store, enrol_with_consent(store))
     run_participant(store, enrol_with_consent(store, simulated=False), trials=3, simulated=False)
-    add_entry(store, ADA, "view results", shows_results=True)
+    add_log_entry(store, ADA, "view results", shows_results=True)
     (found,) = interim(store)
     assert "after 0 of 8 participants by ada at " in found
 
@@ -436,7 +436,7 @@ def test_dashboard_shows_results_only_on_request(
     assert found.endswith(": view results")
     path = tmp_path / "report" / "index.html"
     path.parent.mkdir()
-    write_report(path, analyse(store), [], "..")
+    write_report(path, analyse_study(store), [], "..")
     assert found in " ".join(Page(path).text.split())
 
 
@@ -446,7 +446,7 @@ def test_rejected_enrolment_is_logged(store: Store, served: tuple[LiveServer[Ses
     server, token = served
     new = {"sex": "woman", "name": NAME, "contact": "grace@example.org"}
     assert [ask(server, token, "/participants", new).status_code for _ in range(2)] == [200, 409]
-    assert told(store.log()) == [
-        ("ada", OWN_TOKEN, "enrol", 1, ""),
-        ("ada", OWN_TOKEN, "enrol", None, REFUSED),
+    assert told(store.audit_log()) == [
+        ("ada", PERSONAL_TOKEN, "enrol", 1, ""),
+        ("ada", PERSONAL_TOKEN, "enrol", None, REJECTED_COMMAND),
     ]

@@ -14,11 +14,11 @@ from playwright.sync_api import expect, sync_playwright
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.analysis.report import write_report
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.commands.respondents import CAREGIVER
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.tokens import StudyTokens
-from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.sessions.links import session_links
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database
@@ -65,7 +65,7 @@ class Served:
     @contextmanager
     def watching(self, token: str) -> Iterator[ClientConnection]:
         with connect(f"ws://127.0.0.1:{self.server.port}/watch", max_size=None) as socket:
-            socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+            socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
             yield socket
 
 
@@ -81,12 +81,12 @@ def received(socket: ClientConnection, kind: type, wanted: Callable[[Any], bool]
 
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
     design = folder / "study.toml"
     design.write_text(design.read_text().replace("[goals]", QUESTIONS, 1))
     caregiver_links = SessionLinks()
-    with Store(folder) as store, ThreadPoolExecutor(1) as workers, Experimenters(store) as experimenters:
+    with Store(folder) as store, ThreadPoolExecutor(1) as workers, ExperimenterTokens(store) as experimenters:
         links = session_links(store)
         with LiveServer(
             lambda send: StudySessions(store, send, workers, links=links, caregiver_links=caregiver_links),
@@ -138,7 +138,7 @@ def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served, tmp
     ]
     moments = answer_moments(served.store.design, given, served.store.events())
     assert set(moments.values()) == {CAREGIVER}
-    analysis = analyse(served.store)
+    analysis = analyse_study(served.store)
     rows = analysis.observed.answers
     summaries = [(row.item, row.moment, row.n, row.mean) for row in analysis.session_answers]
     assert summaries == [("eases", CAREGIVER, 1, 5.0), ("safe", CAREGIVER, 1, 3.0)]

@@ -9,13 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.commands import describe_condition
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.cli.main import app
 from avrgym.commands.preferences import Preferences
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
 from avrgym.study.checking.checks import check_study
-from avrgym.study.dashboard.application import ACTIONS, Dashboard, NewPreferences
+from avrgym.study.dashboard.application import PARTICIPANT_ACTIONS, Dashboard, PreferencesRequest
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.design.design import DesignError
 from avrgym.study.people.preferences import preferences_of, record_preferences
@@ -73,10 +73,10 @@ def test_participants_read_their_preferences_before_a_trial(tmp_path: Path) -> N
     """The text before a trial and the dashboard have the same sentences; a change on the dashboard is checked."""
     with Store(study_with_conditions(tmp_path / "study")) as store:
         pseudonym = enrol_included(store)
-        dashboard, act = Dashboard(store, None), ACTIONS["preferences"][1]
-        act(dashboard, pseudonym, NewPreferences(["speed=0.5", "side=left"]))
+        dashboard, act = Dashboard(store, None), PARTICIPANT_ACTIONS["preferences"][1]
+        act(dashboard, pseudonym, PreferencesRequest(["speed=0.5", "side=left"]))
         with pytest.raises(StudyError, match="speed"):
-            act(dashboard, pseudonym, NewPreferences(["speed=9"]))
+            act(dashboard, pseudonym, PreferencesRequest(["speed=9"]))
         shown = participant_view(store, pseudonym)
         assert "50%" in shown.preferences_words
         assert "on your left" in shown.preferences_words
@@ -89,18 +89,18 @@ def test_participants_read_their_preferences_before_a_trial(tmp_path: Path) -> N
             )
             for trial in planned.trials
         }
-        assert shown.preferences_words in str(texts["participant_paced"].values["goal"])
-        assert "speed" not in str(texts["autonomous"].values["goal"])
+        assert shown.preferences_words in str(texts["participant_paced"].placeholder_values["goal"])
+        assert "speed" not in str(texts["autonomous"].placeholder_values["goal"])
 
 
 def test_a_change_by_the_participant_is_stored_for_later_sessions(tmp_path: Path) -> None:
     with Store(study_with_conditions(tmp_path / "study", trial_steps="3", free_movement_s="0.1")) as store:
         pseudonym = enrol_included(store)
         with StudyVisit(store, pseudonym) as visit:
-            plan = visit.plan()
+            plan = visit.plan_trials()
             first = next(each for each in plan.trials if each.own_preferences)
             plan = replace(plan, trials=[first])
-            attended = Visit(tmp_path, plan, make=lambda send: visit.session(plan, send))
+            attended = Visit(tmp_path, plan, make=lambda send: visit.create_session(plan, send))
             attended.calibrate()
             attended.confirms = False
             attended.run_until("check")
@@ -138,15 +138,19 @@ def test_simulated_participants_command_only_the_paced_robot(tmp_path: Path) -> 
     folder = study_with_conditions(tmp_path, trial_steps="60", free_movement_s="0.2")
     simulate_study(folder, 1, seed=1, jobs=1)
     with Store(folder) as store:
-        found = analyse(store)
-        recordings = [store.path(row.recording) for row in found.observed.trials if row.recording]
+        found = analyse_study(store)
+        recordings = [store.absolute_path(row.recording) for row in found.study_data.trials if row.recording]
     for path in recordings:
         recording = read_recording(path)
         paced = recording.configuration.policy == "participant_paced"
-        assert bool(recording.topics["/robot_commands"]) == bool(recording.topics["/pacing"]) == paced
+        assert (
+            bool(recording.messages_by_topic["/robot_commands"])
+            == bool(recording.messages_by_topic["/pacing"])
+            == paced
+        )
         checked = verify(recording)
         assert (checked.identical_states, checked.identical_steps) == (checked.states, 60)
-    (row,) = found.observed.commands
+    (row,) = found.study_data.commands
     assert (row.policy, row.commands > 0, row.waiting_s > 0.0) == ("participant_paced", True, True)
     assert row.agreement_share == 1.0
 
@@ -174,7 +178,7 @@ def study_of_scenes(folder: Path, scenes: str = SCENES, **changes: str) -> Path:
 def test_a_condition_changes_the_settings_of_its_trials(tmp_path: Path) -> None:
     with Store(study_of_scenes(tmp_path)) as store:
         plan = plan_session(store, enrol_included(store))
-        found = {trial.policy: (plan.settings_of(trial), plan.goal_of(trial)) for trial in plan.trials}
+        found = {trial.policy: (plan.settings_of(trial), plan.goal_text(trial)) for trial in plan.trials}
         assert found == {
             "low": (
                 Settings(body_mass_kg=90.0, bed_height_m=0.5, served_arm="left"),
@@ -203,10 +207,10 @@ def test_trials_of_conditions_with_settings_are_recorded_and_verified(tmp_path: 
     folder = study_of_scenes(tmp_path, trial_steps="20", free_movement_s="0.2")
     simulate_study(folder, 1, seed=1, jobs=1)
     with Store(folder) as store:
-        found = analyse(store)
-        for row in found.observed.trials:
-            recording = read_recording(store.path(str(row.recording)))
-            assert recording.configuration.settings == store.design.settings_of(row.policy)
+        found = analyse_study(store)
+        for row in found.study_data.trials:
+            recording = read_recording(store.absolute_path(str(row.recording)))
+            assert recording.configuration.settings == store.design.settings_of_condition(row.policy)
             checked = verify(recording)
             assert (checked.identical_states, checked.identical_steps) == (checked.states, 20)
         assert not [finding for finding in check_study(store) if finding.is_error]

@@ -28,13 +28,13 @@ from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import (
     confirm_participation,
     decline_consent,
-    enrol,
+    enrol_participant,
     participant_texts,
     record_consent,
     record_inclusion,
     withdraw,
 )
-from avrgym.study.sessions.simulation import DryRun, simulated_participant
+from avrgym.study.sessions.simulation import DryRunSettings, find_or_enrol_participant
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.sessions import open_session
@@ -117,7 +117,7 @@ def test_consent_text_depends_on_language(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         for language in ("en", "de"):
-            record_consent(store, enrol(store, "man", language=language))
+            record_consent(store, enrol_participant(store, "man", language=language))
         texts = {kept.language: kept.text for kept in store.consent_texts()}
         for person in store.participants():
             assert texts[str(person.language)] == participant_texts(store, person).translate(
@@ -135,7 +135,7 @@ def test_changed_text_with_the_same_version_is_an_error(folder: Path) -> None:
     assert f"{first}, {second} read as version 1" in wrong
     assert study("check", folder).exit_code == 1
     with Store(folder) as store:
-        pseudonym = enrol(store, "woman")
+        pseudonym = enrol_participant(store, "woman")
         with pytest.raises(StudyError, match=f"{first}, {second} read another consent text with version 1"):
             record_consent(store, pseudonym)
         assert store.participant(pseudonym).state == "enrolled"
@@ -148,7 +148,7 @@ def test_changed_translation_concerns_only_its_readers(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
         enrol_with_consent(store)
-        german = enrol(store, "man", language="de")
+        german = enrol_participant(store, "man", language="de")
         record_consent(store, german)
         text = " ".join(store.design.consent.text.split())
     (folder / "texts").mkdir()
@@ -182,8 +182,8 @@ def test_changed_text_with_a_new_version_is_valid(folder: Path) -> None:
 
 def test_changed_archive_is_found(store: Store) -> None:
     enrol_with_consent(store)
-    with store.database.write() as connection:
-        hash_chain.update(connection, schema.CONSENT_TEXT, 1, text="I agree to everything")
+    with store.database.write_transaction() as connection:
+        hash_chain.update(connection, schema.CONSENT_TEXT_TABLE, 1, text="I agree to everything")
     assert "does not have the checksum that was stored with it" in [
         each.message for each in about_consent(store.folder) if each.where == "consent_text 1"
     ]
@@ -215,7 +215,8 @@ def test_allocated_participant_must_reconsent(folder: Path) -> None:
         with pytest.raises(StudyError, match="is completed and cannot become consented"):
             record_consent(store, pseudonym)
         assert [
-            (flow.consents, flow.reconsented, flow.declined) for flow in participant_flows(store, StudyData())
+            (flow.participants_by_consent_version, flow.reconsented, flow.declined)
+            for flow in participant_flows(store, StudyData())
         ] == [({"2": 1}, 1, 0)]
     assert about_consent(folder) == []
 
@@ -233,7 +234,7 @@ def test_declined_reconsent_withdraws(folder: Path) -> None:
         assert len(store.attempts(pseudonym)) == 2
         assert store.events()[-1].detail == "does not agree to version 2"
         (flow,) = participant_flows(store, StudyData())
-        assert (flow.consents, flow.reconsented, flow.declined) == ({"1": 1}, 0, 1)
+        assert (flow.participants_by_consent_version, flow.reconsented, flow.declined) == ({"1": 1}, 0, 1)
         delete_participant(store, pseudonym)
         assert store.consents(pseudonym) == []
         assert len(store.consent_texts()) == 2
@@ -241,7 +242,7 @@ def test_declined_reconsent_withdraws(folder: Path) -> None:
 
 
 def test_no_reconsent_without_a_new_version(store: Store) -> None:
-    enrolled, allocated = enrol(store, "man"), enrol_with_consent(store)
+    enrolled, allocated = enrol_participant(store, "man"), enrol_with_consent(store)
     for pseudonym in (enrolled, allocated):
         with pytest.raises(StudyError, match="needs no re-consent"):
             decline_consent(store, pseudonym)
@@ -251,7 +252,7 @@ def test_no_reconsent_without_a_new_version(store: Store) -> None:
 
 def test_consented_participant_must_reconsent_before_allocation(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = enrol(store, "woman")
+        pseudonym = enrol_participant(store, "woman")
         record_consent(store, pseudonym)
     raise_version(folder)
     with Store(folder) as store:
@@ -284,7 +285,7 @@ def test_command_requests_reconsent(folder: Path) -> None:
 def test_command_shows_text_in_the_language_of_the_participant(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', languages='["en", "de"]')
     with Store(folder) as store:
-        german = enrol(store, "man", language="de")
+        german = enrol_participant(store, "man", language="de")
         texts, design = participant_texts(store, store.participant(german)), store.design
     asked = study("consent", folder, german, answers="y\n" * (1 + len(design.inclusion)))
     assert texts.translate(design.consent.text).strip().splitlines()[0] in asked.stdout
@@ -293,10 +294,10 @@ def test_command_shows_text_in_the_language_of_the_participant(tmp_path: Path) -
 
 def test_dry_run_continues_with_a_new_version(folder: Path) -> None:
     with Store(folder) as store:
-        pseudonym = simulated_participant(store, 0, DryRun(1))
+        pseudonym = find_or_enrol_participant(store, 0, DryRunSettings(1))
     raise_version(folder)
     with Store(folder) as store:
-        assert simulated_participant(store, 0, DryRun(1)) == pseudonym
+        assert find_or_enrol_participant(store, 0, DryRunSettings(1)) == pseudonym
         assert decisions(store, pseudonym) == [(True, "1"), (True, "2")]
         open_session(store, pseudonym)
 
@@ -329,11 +330,11 @@ def test_exports_contain_all_decisions_and_texts(folder: Path, tmp_path: Path) -
 
 def before_the_archive(store: Store) -> None:
     """Convert a study to an earlier version that stored no consent texts."""
-    with store.database.write() as connection:
-        hash_chain.delete(connection, schema.CONSENT_TEXT)
-        hash_chain.delete(connection, schema.CONSENT)
-        hash_chain.delete(connection, schema.DESIGN)
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
+        hash_chain.delete(connection, schema.CONSENT_TEXT_TABLE)
+        hash_chain.delete(connection, schema.CONSENT_TABLE)
+        hash_chain.delete(connection, schema.DESIGN_TABLE)
+    with store.database.write_transaction() as connection:
         for table in ("invitation_use", "invitation", "link", "consent", "consent_text", "design"):
             connection.execute(sa.text(f"DROP TABLE {table}"))
         for table in ("participant", "attempt"):
@@ -356,7 +357,7 @@ def test_consents_of_earlier_versions_are_notes(folder: Path) -> None:
             f"the archive lacks the consent text of {pseudonym}",
             False,
         )
-        record_consent(store, enrol(store, "man"))
+        record_consent(store, enrol_participant(store, "man"))
     assert about_consent(folder) == []
     reword(folder, "You take part", "You never take part")
     assert pseudonym in wrong_about_consent(folder)[0]
@@ -370,7 +371,7 @@ def test_unarchived_consent_to_a_different_text_is_an_error(folder: Path) -> Non
     assert [each.is_error for each in about_consent(folder)] == [True, False]
     assert pseudonym in wrong_about_consent(folder)[0]
     with Store(folder) as store, pytest.raises(StudyError, match=f"{pseudonym} read another consent text"):
-        record_consent(store, enrol(store, "man"))
+        record_consent(store, enrol_participant(store, "man"))
 
 
 @pytest.mark.slow
@@ -382,7 +383,9 @@ def test_recordings_contain_the_consent(folder: Path) -> None:
         record_consent(store, pseudonym)
         latest = store.consents(pseudonym)[-1]
         with StudyVisit(store, pseudonym) as visit:
-            attended = Visit(Path(), visit.plan(), make=lambda send: visit.session(visit.plan(), send))
+            attended = Visit(
+                Path(), visit.plan_trials(), make=lambda send: visit.create_session(visit.plan_trials(), send)
+            )
             attended.go_to("trial")
             attended.leave()
     (recording,) = sorted(folder.rglob("*.mcap"))
@@ -442,11 +445,11 @@ def test_different_texts_of_one_site_are_an_error(tmp_path: Path) -> None:
         first = enrol_with_consent(store)
         second = enrol_with_consent(store)
         withdraw(store, second)
-        with store.database.write() as connection:
+        with store.database.write_transaction() as connection:
             text = {"version": "1", "language": "en", "text": "Another", "at": "2026-01-01"}
             sha256 = hashlib.sha256(b"Another").hexdigest()
-            hash_chain.insert(connection, schema.CONSENT_TEXT, sha256=sha256, **text)
-            hash_chain.update(connection, schema.CONSENT, store.consents(second)[0].id, sha256=sha256)
+            hash_chain.insert(connection, schema.CONSENT_TEXT_TABLE, sha256=sha256, **text)
+            hash_chain.update(connection, schema.CONSENT_TABLE, store.consents(second)[0].id, sha256=sha256)
     assert first
     merge_studies([folder, other], tmp_path / "all")
     (wrong,) = wrong_about_consent(tmp_path / "all")
@@ -478,7 +481,7 @@ def test_dashboard_requests_reconsent(folder: Path, tmp_path: Path) -> None:
         page = browser.new_page(viewport={"width": 900, "height": 900})
         page.set_default_timeout(PATIENCE_MS)
         expect.set_options(timeout=PATIENCE_MS)
-        page.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        page.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         page.get_by_role("button", name=agreeing).click()
         expect(page.locator("#participant-words")).to_contain_text("new version of the text")
         expect(page.locator("#consent-text")).to_contain_text("You fully take part")

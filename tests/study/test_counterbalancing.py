@@ -11,18 +11,18 @@ import pytest
 from avrgym.study.design.allocation import (
     PlannedTrial,
     cell_fill_order,
-    cell_orders,
     least_filled_cell,
     plan_trials,
     practice_robots,
+    trial_orders,
 )
-from avrgym.study.design.counterbalancing import Block, balanced_orders, williams_square
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.counterbalancing import TaskBlock, balanced_orders, williams_square
+from avrgym.study.design.design import Design, default_design_text, parse_design
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.registry import ENVIRONMENTS
 
 SIZES = range(2, 9)
-PAPER = parse_design(default_text())
+PAPER = parse_design(default_design_text())
 
 
 def assert_balanced(rows: Sequence[Sequence[int]], size: int) -> None:
@@ -52,18 +52,21 @@ def test_orders_are_balanced(tasks):
     for conditions in SIZES:
         orders = balanced_orders(tasks, conditions, np.random.default_rng(conditions))
         if tasks > 1:
-            assert_balanced([[block.task for block in order] for order in orders], tasks)
+            assert_balanced([[block.task_index for block in order] for order in orders], tasks)
         for group in (_by_task, _by_place):
             for blocks in group(orders):
-                assert_balanced([block.conditions for block in blocks], conditions)
+                assert_balanced([block.condition_indices for block in blocks], conditions)
 
 
-def _by_task(orders: Iterable[Sequence[Block]]) -> list[list[Block]]:
+def _by_task(orders: Iterable[Sequence[TaskBlock]]) -> list[list[TaskBlock]]:
     blocks = [block for order in orders for block in order]
-    return [[block for block in blocks if block.task == task] for task in {block.task for block in blocks}]
+    return [
+        [block for block in blocks if block.task_index == task]
+        for task in {block.task_index for block in blocks}
+    ]
 
 
-def _by_place(orders: Iterable[Sequence[Block]]) -> list[Sequence[Block]]:
+def _by_place(orders: Iterable[Sequence[TaskBlock]]) -> list[Sequence[TaskBlock]]:
     return list(zip(*orders, strict=True))
 
 
@@ -79,7 +82,7 @@ def test_orders_depend_on_the_seed():
 
 
 def trials_of_all(design: Design) -> list[tuple[PlannedTrial, ...]]:
-    cells = len(cell_orders(design))
+    cells = len(trial_orders(design))
     return [plan_trials(design, number % cells, number + 1) for number in range(design.participants)]
 
 
@@ -138,7 +141,7 @@ def test_seeds_and_practice_robots_are_deterministic():
 
 def test_practice_robots_are_balanced():
     for seed in range(20):
-        design = parse_design(default_text().replace("seed = 0", f"seed = {seed}"))
+        design = parse_design(default_design_text().replace("seed = 0", f"seed = {seed}"))
         practices = [[trial for trial in trials if trial.practice] for trials in trials_of_all(design)]
         by_task = Counter((_task(trial), _robot(trial)) for trials in practices for trial in trials)
         assert by_task == {(task, robot): 4 for task in design.tasks for robot in design.robots}
@@ -154,7 +157,9 @@ def test_practice_robots_are_random():
 
 
 def test_no_practice_trials_without_a_practice_policy():
-    design = parse_design(default_text().replace('practice_policy = "revised"', 'practice_policy = ""'))
+    design = parse_design(
+        default_design_text().replace('practice_policy = "revised"', 'practice_policy = ""')
+    )
     trials = plan_trials(design, 0, 1)
     assert len(trials) == 16
     assert not any(trial.practice for trial in trials)

@@ -12,14 +12,14 @@ import sqlalchemy as sa
 
 from avrgym.analysis.output import write_analysis
 from avrgym.analysis.statistics.tests import holm_correction
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.design.design import DesignError, parse_design
 from avrgym.study.export import export_study
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database, schema
-from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.answers import record_session_answer, record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
@@ -67,11 +67,11 @@ def answer_trials(store: Store, session: int, pseudonym: str) -> None:
     participant = store.participant(pseudonym)
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
-        metrics = record_trial(store.path(attempt.recording), store.design, participant, trial)
-        for place, item in enumerate(store.design.items_at("after_trial")):
+        metrics = record_trial(store.absolute_path(attempt.recording), store.design, participant, trial)
+        for place, item in enumerate(store.design.items_at_moment("after_trial")):
             revised = trial.policy == "revised"
             value = 1 + (participant.number + place + 2 * revised) % item.points
-            record_answer(store, attempt.id, Answer(item.id, value, 1.0))
+            record_trial_answer(store, attempt.id, Answer(item.id, value, 1.0))
         complete_attempt(store, attempt.id, metrics)
 
 
@@ -84,7 +84,7 @@ def ask(store: Store, session: int, when: str, values: dict[str, int]) -> None:
 def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     """A study with answers to three questionnaires."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         with Store(with_questionnaires(tmp_path_factory.mktemp("study"))) as store:
             for _ in range(PEOPLE):
                 pseudonym = enrol_included(store, simulated=False)
@@ -100,7 +100,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 @pytest.fixture(scope="module")
 def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
-    write_analysis(analyse(study), study.folder, folder)
+    write_analysis(analyse_study(study), study.folder, folder)
     return folder
 
 
@@ -117,9 +117,9 @@ def words(path: Path) -> str:
 
 def test_questionnaire_has_one_or_several_moments(tmp_path: Path) -> None:
     design = parse_design((with_questionnaires(tmp_path) / "study.toml").read_text())
-    assert [item.id for item in design.items_at("before_session")] == ["S_1", "S_2"]
-    assert design.items_at("before_session") == design.items_at("after_session")
-    assert [item.id for item in design.items_at("after_trial")] == ["L1", "L2", "L3", "L4", "T1", "T2"]
+    assert [item.id for item in design.items_at_moment("before_session")] == ["S_1", "S_2"]
+    assert design.items_at_moment("before_session") == design.items_at_moment("after_session")
+    assert [item.id for item in design.items_at_moment("after_trial")] == ["L1", "L2", "L3", "L4", "T1", "T2"]
 
 
 @pytest.mark.parametrize(
@@ -142,20 +142,20 @@ def test_unknown_moments_are_rejected(tmp_path: Path, when: str, words: str) -> 
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(with_questionnaires(tmp_path / "study")) as opened:
         yield opened
 
 
 def crash(store: Store) -> None:
     """Simulate the death of the process of the open session."""
-    with store.database.write() as connection:
-        connection.execute(sa.update(schema.SESSION).values(process=2**22 + 1))
+    with store.database.write_transaction() as connection:
+        connection.execute(sa.update(schema.SESSION_TABLE).values(process=2**22 + 1))
 
 
 def remaining(store: Store, pseudonym: str, when: str) -> list[str]:
     with StudyVisit(store, pseudonym) as visit:
-        return [item.id for item in visit.items(when)]
+        return [item.id for item in visit.unanswered_items(when)]
 
 
 def test_item_is_answered_once_before_and_once_after(store: Store) -> None:
@@ -172,8 +172,8 @@ def test_answers_before_a_crash_are_not_requested_again(store: Store) -> None:
     pseudonym = enrol_included(store)
     for item, rest in (("S_1", ["S_2"]), ("S_2", [])):
         visit = StudyVisit(store, pseudonym)
-        visit.record(Answer(item, 2, 1.0), "before_session")
-        assert [each.id for each in visit.items("before_session")] == rest
+        visit.record_answer(Answer(item, 2, 1.0), "before_session")
+        assert [each.id for each in visit.unanswered_items("before_session")] == rest
         crash(store)
     assert remaining(store, pseudonym, "before_session") == []
     assert [finding.message for finding in check_study(store) if finding.where.startswith("ses-")] == [
@@ -186,7 +186,7 @@ def test_last_questions_continue_after_a_crash(store: Store) -> None:
     pseudonym = enrol_included(store)
     visit = StudyVisit(store, pseudonym)
     answer_trials(store, visit.stored.id, pseudonym)
-    visit.record(Answer("S_1", 2, 1.0), "after_session")
+    visit.record_answer(Answer("S_1", 2, 1.0), "after_session")
     crash(store)
     assert remaining(store, pseudonym, "after_session") == ["S_2"]
 
@@ -202,9 +202,9 @@ def test_later_of_two_answers_counts(store: Store, tmp_path: Path) -> None:
     answer_trials(store, session.id, pseudonym)
     ask(store, session.id, "after_session", {"S_1": 4})
     close_session(store, session.id)
-    analysis = analyse(store)
+    analysis = analyse_study(store)
     counted = [
-        (row.moment, row.value) for row in analysis.observed.answers if row.item == "S_1" and row.counted
+        (row.moment, row.value) for row in analysis.study_data.answers if row.item == "S_1" and row.counted
     ]
     assert counted == [("before_session", 3), ("after_session", 4)]
     page = write_without_figures(analysis, store.folder, tmp_path / "out")

@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.study.export import FORMATS, LEFT_OUT_FILE, export_study
+from avrgym.study.export import EXPORT_FORMATS, OMITTED_RECORDINGS_FILE, export_study
 from avrgym.study.export.trials import completed_attempts, verify_attempts
 from avrgym.study.storage import database, schema
 from avrgym.study.storage.states import StudyError
@@ -28,7 +28,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study that two participants have completed."""
     folder = small_study(tmp_path_factory.mktemp("whole") / "study")
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for _ in range(2):
                 run_participant(store, enrol_with_consent(store))
@@ -38,7 +38,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def folder(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of the study, which tests damage."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     return Path(shutil.copytree(whole, tmp_path / "study"))
 
 
@@ -78,7 +78,7 @@ DAMAGES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.fast_cases(7)
 @pytest.mark.parametrize("damage", DAMAGES)
-@pytest.mark.parametrize("data_format", FORMATS)
+@pytest.mark.parametrize("data_format", EXPORT_FORMATS)
 def test_damaged_recording_prevents_an_export(folder: Path, data_format: str, damage: str) -> None:
     break_it, words = DAMAGES[damage]
     break_it(folder / RECORDING)
@@ -90,7 +90,7 @@ def test_damaged_recording_prevents_an_export(folder: Path, data_format: str, da
     assert sorted(folder.parent.iterdir()) == before
 
 
-@pytest.mark.parametrize("data_format", FORMATS)
+@pytest.mark.parametrize("data_format", EXPORT_FORMATS)
 def test_all_damaged_recordings_are_listed(folder: Path, data_format: str) -> None:
     broken = sorted(folder.rglob("*.mcap"))[::3]
     for path in broken:
@@ -100,14 +100,14 @@ def test_all_damaged_recordings_are_listed(folder: Path, data_format: str) -> No
 
 
 @pytest.mark.fast_cases(3)
-@pytest.mark.parametrize("data_format", FORMATS)
+@pytest.mark.parametrize("data_format", EXPORT_FORMATS)
 def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> None:
     cut(folder / RECORDING)
     result = export(folder, data_format, "--skip-damaged")
     assert result.exit_code == 0
     assert f"left out  {RECORDING} was changed" in result.stdout
     out = folder.parent / "out"
-    (row,) = rows(out / LEFT_OUT_FILE)
+    (row,) = rows(out / OMITTED_RECORDINGS_FILE)
     assert (row["participant"], row["position"], row["reason"]) == (
         "sub-001", "2", f"{RECORDING} was changed: its checksum differs",
     )  # fmt: skip
@@ -115,11 +115,11 @@ def test_damaged_recordings_can_be_skipped(folder: Path, data_format: str) -> No
 
 
 @pytest.mark.fast_cases(3)
-@pytest.mark.parametrize("data_format", FORMATS)
+@pytest.mark.parametrize("data_format", EXPORT_FORMATS)
 def test_undamaged_study_lists_no_problems(folder: Path, data_format: str) -> None:
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
     out = folder.parent / "out"
-    assert not (out / LEFT_OUT_FILE).exists()
+    assert not (out / OMITTED_RECORDINGS_FILE).exists()
     assert exported_trials(out, data_format) == 2 * TRIALS
 
 
@@ -146,12 +146,12 @@ def exported_trials(out: Path, data_format: str) -> int:
     return int(lengths)
 
 
-@pytest.mark.parametrize("data_format", FORMATS)
+@pytest.mark.parametrize("data_format", EXPORT_FORMATS)
 def test_export_without_readable_recordings(folder: Path, data_format: str) -> None:
     for path in folder.rglob("*.mcap"):
         path.unlink()
     assert export(folder, data_format, "--skip-damaged").exit_code == 0
-    assert len(rows(folder.parent / "out" / LEFT_OUT_FILE)) == 2 * TRIALS
+    assert len(rows(folder.parent / "out" / OMITTED_RECORDINGS_FILE)) == 2 * TRIALS
 
 
 def test_recording_of_another_station_is_reported(folder: Path) -> None:
@@ -166,8 +166,8 @@ def test_completed_trial_needs_checksum_and_complete_recording(
     folder: Path,
 ) -> None:
     with Store(folder) as store:
-        with store.database.write() as connection:
-            connection.execute(sa.update(schema.ATTEMPT).values(sha256=None))
+        with store.database.write_transaction() as connection:
+            connection.execute(sa.update(schema.ATTEMPT_TABLE).values(sha256=None))
         _, left_out = verify_attempts(list(completed_attempts(store)))
     assert len(left_out) == 2 * TRIALS
 

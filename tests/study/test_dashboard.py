@@ -14,12 +14,12 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.checking.summary import summarise_results
-from avrgym.study.dashboard.application import ACTIONS, MAX_BODY_BYTES, dashboard_app
+from avrgym.study.dashboard.application import MAX_BODY_BYTES, PARTICIPANT_ACTIONS, dashboard_app
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage.identity_file import Identity, read_identities
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.server.authentication import Caller, Tokens
+from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session.session import Session
 from helpers.browser.accessibility import violations
@@ -35,7 +35,7 @@ from helpers.vr.visit import constant_policies, plan
 PATIENCE_S = 400.0
 HOSTILE = "<script>window.hacked = 1</script><img src=x onerror='window.hacked = 2'>"
 READING = ("/overview", "/results", "/participants/{pseudonym}")
-ACTING = ("/participants", *(f"/participants/{{pseudonym}}/{name}" for name in ACTIONS))
+ACTING = ("/participants", *(f"/participants/{{pseudonym}}/{name}" for name in PARTICIPANT_ACTIONS))
 ROUTES = [*(("GET", path) for path in READING), *(("POST", path) for path in ACTING)]
 BODIES: dict[str, Any] = {
     "identity": {"name": "Ada Example", "contact": "ada@example.org"},
@@ -125,7 +125,7 @@ def test_all_routes_are_tested(store: Store) -> None:
 @pytest.mark.parametrize(("method", "path"), ROUTES)
 def test_only_the_experimenter_has_access(server: LiveServer, store: Store, method: str, path: str) -> None:
     """Invalid tokens, origins and hosts are rejected, and nothing is stored."""
-    before = store.events(), store.participants(), store.log()
+    before = store.events(), store.participants(), store.audit_log()
     path = path.format(pseudonym="sub-001")
     body = BODIES.get(path.rpartition("/")[2], {"sex": "man"}) if method == "POST" else None
     own, others = server.tokens.experimenter, (server.tokens.participant, server.tokens.spectator, "x")
@@ -138,7 +138,7 @@ def test_only_the_experimenter_has_access(server: LiveServer, store: Store, meth
         )
     for host in ("evil.test", f"evil.test:{server.port}"):
         assert ask(server, method, path, body, host=host, authorization=f"Bearer {own}").status_code == 400
-    assert (store.events(), store.participants(), store.log()) == before
+    assert (store.events(), store.participants(), store.audit_log()) == before
 
 
 def test_page_loads_only_from_this_server(server: LiveServer) -> None:
@@ -272,7 +272,7 @@ def test_blinded_experimenter_sees_no_condition(tmp_path: Path, blind: bool) -> 
 def read(app: Any, path: str) -> Any:
     """The response of a GET route, called directly without access control."""
     route = next(route for route in app.routes if route.path_regex.fullmatch(path) and "GET" in route.methods)
-    request = SimpleNamespace(state=SimpleNamespace(caller=Caller("experimenter")))
+    request = SimpleNamespace(state=SimpleNamespace(caller=AuthenticatedClient("experimenter")))
     return json.loads(route.endpoint(**route.path_regex.fullmatch(path).groupdict(), request=request).body)
 
 
@@ -291,7 +291,7 @@ def page(server: LiveServer) -> Iterator[Page]:
         page.on(
             "console", lambda message: complaints.append(message.text) if message.type == "error" else None
         )
-        page.goto(server.urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        page.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
         yield page
         browser.close()
     assert [each for each in complaints if REFUSED not in each] == []

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.study.plan.data_protection import FOLDER, write_data_protection
+from avrgym.study.plan.data_protection import DATA_PROTECTION_FOLDER, write_data_protection_drafts
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import small_study
@@ -14,7 +14,7 @@ from helpers.studies.small_studies import small_study
 
 def written(folder: Path) -> dict[str, str]:
     with Store(folder) as store:
-        return {path.name: path.read_text() for path in write_data_protection(store)}
+        return {path.name: path.read_text() for path in write_data_protection_drafts(store)}
 
 
 def test_drafts_contain_each_article_and_facts_of_the_design(tmp_path: Path) -> None:
@@ -50,9 +50,9 @@ def test_edited_drafts_are_not_overwritten(tmp_path: Path) -> None:
     command = ["study", "data-protection", str(folder)]
     assert CliRunner().invoke(app, command).exit_code == 0
     assert CliRunner().invoke(app, command).exit_code == 0
-    path = folder / FOLDER / "impact-assessment.md"
+    path = folder / DATA_PROTECTION_FOLDER / "impact-assessment.md"
     path.write_text("filled in")
     with Store(folder) as store, pytest.raises(StudyError, match="exists already with another text"):
-        write_data_protection(store)
+        write_data_protection_drafts(store)
     assert path.read_text() == "filled in"
     assert path.stat().st_mode & 0o077 == 0 or path.parent.stat().st_mode & 0o077 == 0

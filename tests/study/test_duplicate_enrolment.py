@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.identities import PossibleDuplicate
-from avrgym.study.people.participants import enrol, set_identity, withdraw
+from avrgym.study.people.identities import PossibleDuplicateError
+from avrgym.study.people.participants import enrol_participant, set_identity, withdraw
 from avrgym.study.storage.identity_file import read_identities
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import small_study
@@ -32,7 +32,7 @@ OTHERS = (("Zoe Straßer", CONTACT), (NAME, "zoe2@example.org"), ("", ""), ("Ada
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
     with Store(small_study(tmp_path / "study")) as opened:
-        enrol(opened, "woman", name=NAME, contact=CONTACT)
+        enrol_participant(opened, "woman", name=NAME, contact=CONTACT)
         yield opened
 
 
@@ -47,8 +47,8 @@ def named(store: Store) -> list[str]:
 @pytest.mark.parametrize(("name", "contact"), SAME)
 def test_duplicate_enrolment_is_rejected(store: Store, name: str, contact: str) -> None:
     before = contents(store)
-    with pytest.raises(PossibleDuplicate, match=r"sub-001.*--confirm-duplicate") as refused:
-        enrol(store, "woman", name=name, contact=contact)
+    with pytest.raises(PossibleDuplicateError, match=r"sub-001.*--confirm-duplicate") as refused:
+        enrol_participant(store, "woman", name=name, contact=contact)
     assert "stra" not in str(refused.value).lower()
     assert "zo" not in str(refused.value).lower()
     assert contents(store) == before
@@ -56,12 +56,12 @@ def test_duplicate_enrolment_is_rejected(store: Store, name: str, contact: str) 
 
 @pytest.mark.parametrize(("name", "contact"), OTHERS)
 def test_other_people_are_enrolled(store: Store, name: str, contact: str) -> None:
-    assert enrol(store, "woman", name=name, contact=contact) == "sub-002"
+    assert enrol_participant(store, "woman", name=name, contact=contact) == "sub-002"
     assert named(store) == []
 
 
 def test_confirmed_duplicate_is_enrolled(store: Store) -> None:
-    enrol(store, "man", name=NAME.upper(), contact=CONTACT, confirm_duplicate=True)
+    enrol_participant(store, "man", name=NAME.upper(), contact=CONTACT, confirm_duplicate=True)
     (warning,) = named(store)
     assert warning.startswith("sub-002 may be the same person as sub-001")
     assert not any(part.lower() in warning.lower() for part in (*NAME.split(), CONTACT))
@@ -71,16 +71,16 @@ def test_confirmed_duplicate_is_enrolled(store: Store) -> None:
 
 def test_withdrawn_participant_counts_as_duplicate_at_enrolment(store: Store) -> None:
     withdraw(store, "sub-001")
-    with pytest.raises(PossibleDuplicate, match="sub-001"):
-        enrol(store, "woman", name=NAME, contact=CONTACT)
-    enrol(store, "woman", name=NAME, contact=CONTACT, confirm_duplicate=True)
+    with pytest.raises(PossibleDuplicateError, match="sub-001"):
+        enrol_participant(store, "woman", name=NAME, contact=CONTACT)
+    enrol_participant(store, "woman", name=NAME, contact=CONTACT, confirm_duplicate=True)
     assert named(store) == []
 
 
 def test_corrected_name_is_checked_for_duplicates(store: Store) -> None:
     set_identity(store, "sub-001", NAME.lower(), CONTACT)
-    enrol(store, "man", name="Ada Example")
-    with pytest.raises(PossibleDuplicate, match="sub-001"):
+    enrol_participant(store, "man", name="Ada Example")
+    with pytest.raises(PossibleDuplicateError, match="sub-001"):
         set_identity(store, "sub-002", NAME, CONTACT)
     assert read_identities(store.folder)["sub-002"].name == "Ada Example"
     set_identity(store, "sub-002", NAME, CONTACT, confirm_duplicate=True)

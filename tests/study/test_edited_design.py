@@ -42,7 +42,7 @@ FIXED = {
 @pytest.fixture(autouse=True, scope="module")
 def on_sqlite() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         yield
 
 
@@ -181,7 +181,12 @@ def test_contradicting_recording_is_found(made: Path, tmp_path: Path, guard: boo
         attempt = begin_attempt(store, session.id, trial.position)
         seat = RealFurniture(seat_height_m=0.4)
         metrics = record_trial(
-            store.path(attempt.recording), store.design, participant, trial, force_guard=guard, furniture=seat
+            store.absolute_path(attempt.recording),
+            store.design,
+            participant,
+            trial,
+            force_guard=guard,
+            furniture=seat,
         )
         complete_attempt(store, attempt.id, metrics)
         close_session(store, session.id)

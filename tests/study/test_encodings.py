@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.analysis.tables import Table
 from avrgym.cli.main import app
 from avrgym.learning.hyperparameter_files import read_toml
@@ -33,7 +33,7 @@ UMLAUTS = "Ärger über Füße, «naïve» 姓名"
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 def mark(path: Path) -> Path:
@@ -138,7 +138,7 @@ def test_only_csv_files_have_a_byte_order_mark(tmp_path: Path, data_format: str)
     with Store(make_study(tmp_path / "study", tasks='["Feeding"]')) as store:
         run_participant(store, enrol_with_consent(store), trials=2)
         export_study(store, data_format, tmp_path / "out")
-        write_analysis(analyse(store), store.folder, tmp_path / "analysis")
+        write_analysis(analyse_study(store), store.folder, tmp_path / "analysis")
     files = [path for name in ("out", "analysis") for path in (tmp_path / name).rglob("*") if path.is_file()]
     assert any(path.suffix == ".csv" for path in files)
     for path in files:

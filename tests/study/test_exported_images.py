@@ -12,9 +12,9 @@ import pytest
 from numpy.testing import assert_array_equal
 from PIL import Image
 
-from avrgym.models.cameras import MAX_DEPTH_M, CameraSpec
+from avrgym.models.cameras import MAX_IMAGE_DEPTH_M, CameraSpec
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.recording.world import recorded_images, recorded_world
+from avrgym.recording.world import rebuild_world, render_recorded_images
 from avrgym.study.export import export_study
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import open_session
@@ -57,22 +57,22 @@ def store(path: Path, tmp_path_factory: pytest.TempPathFactory) -> Store:
     session = open_session(opened, enrol_with_consent(opened))
     (trial, *_) = [each for each in opened.trials("sub-001") if each.environment == FEEDING]
     attempt = begin_attempt(opened, session.id, trial.position)
-    opened.path(attempt.recording).parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(path, opened.path(attempt.recording))
+    opened.absolute_path(attempt.recording).parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(path, opened.absolute_path(attempt.recording))
     complete_attempt(opened, attempt.id, METRICS)
     return opened
 
 
 def test_images_show_the_state_before_each_control_step(recording: Recording):
     camera = CameraSpec("wrist", 80, 64, ("depth",))
-    frames = [*recorded_images(recording, [camera])]
-    steps = [control for _, control in recording.topics["/control"]]
+    frames = [*render_recorded_images(recording, [camera])]
+    steps = [control for _, control in recording.messages_by_topic["/control"]]
     assert len(frames) == len(steps) == STEPS
     task, scene = task_and_scene(FEEDING)
     names = [entry.name for entry in task.observation(scene).entries]
-    end = task.observation(scene).ends[names.index("arm_angles_rad")]
-    episodes = recorded_world(recording.configuration)
-    states = [record.state for _, record in recording.topics["/physics"]]
+    end = task.observation(scene).entry_ends[names.index("arm_angles_rad")]
+    episodes = rebuild_world(recording.configuration)
+    states = [record.state for _, record in recording.messages_by_topic["/physics"]]
     for frame, control in zip(frames, steps, strict=True):
         for state in states:
             episodes.simulation.set_integration_state(np.array(state))
@@ -87,7 +87,9 @@ def test_images_show_the_state_before_each_control_step(recording: Recording):
 
 
 def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: Store, recording: Recording):
-    expected = [*recorded_images(recording, [CameraSpec("wrist", 80, 64, ("rgb", "depth", "segmentation"))])]
+    expected = [
+        *render_recorded_images(recording, [CameraSpec("wrist", 80, 64, ("rgb", "depth", "segmentation"))])
+    ]
     for data_format in ("hdf5", "lerobot"):
         export_study(store, data_format, tmp_path / data_format, cameras=[CAMERA])
     with h5py.File(tmp_path / "hdf5" / "FeedingJaco.hdf5") as file:
@@ -110,7 +112,7 @@ def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: Store, 
         assert_array_equal(np.float32(row["observation.images.wrist_depth"]), frame["wrist_depth"])
     statistics = json.loads((folder / "meta" / "stats.json").read_text())
     assert np.shape(statistics["observation.images.wrist_rgb"]["mean"]) == (3, 1, 1)
-    assert statistics["observation.images.wrist_depth"]["max"] == [[[MAX_DEPTH_M]]]
+    assert statistics["observation.images.wrist_depth"]["max"] == [[[MAX_IMAGE_DEPTH_M]]]
 
 
 def test_cameras_that_cannot_be_exported_are_refused(tmp_path: Path, store: Store):

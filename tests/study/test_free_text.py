@@ -7,15 +7,15 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.people.participants import add_note, enrol, set_identity, withdraw
+from avrgym.study.people.participants import add_note, enrol_participant, set_identity, withdraw
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import make_study
 
 ENTRANCES: dict[str, tuple[int, Callable[[Store, str], object]]] = {
-    "name": (MAX_LINE_LENGTH, lambda store, text: enrol(store, "man", name=text)),
-    "contact": (MAX_LINE_LENGTH, lambda store, text: enrol(store, "man", contact=text)),
+    "name": (MAX_LINE_LENGTH, lambda store, text: enrol_participant(store, "man", name=text)),
+    "contact": (MAX_LINE_LENGTH, lambda store, text: enrol_participant(store, "man", contact=text)),
     "corrected name": (MAX_LINE_LENGTH, lambda store, text: set_identity(store, "sub-001", text, "")),
     "corrected contact": (MAX_LINE_LENGTH, lambda store, text: set_identity(store, "sub-001", "", text)),
     "note": (MAX_NOTE_LENGTH, lambda store, text: add_note(store, "sub-001", text)),
@@ -27,7 +27,7 @@ NO_TEXT = ("\x00", "a\x00b", "\x1b[2J", "\x7f", "\x9b", "\ud800", "\udcff")
 @pytest.fixture
 def store(tmp_path: Path) -> Iterator[Store]:
     with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
-        enrol(store, "woman")
+        enrol_participant(store, "woman")
         yield store
 
 
@@ -53,7 +53,7 @@ def test_notes_have_lines_and_are_not_empty(store: Store) -> None:
     with pytest.raises(StudyError, match="empty"):
         add_note(store, "sub-001", "")
     with pytest.raises(StudyError, match="allowed"):
-        enrol(store, "man", name="two\nlines")
+        enrol_participant(store, "man", name="two\nlines")
 
 
 @pytest.mark.parametrize("option", ["--name", "--contact"])

@@ -9,13 +9,13 @@ import pytest
 from cryptography import x509
 from typer.testing import CliRunner, Result
 
-from avrgym.analysis.study import Analysis, analyse
+from avrgym.analysis.study import StudyAnalysis, analyse_study
 from avrgym.cli.main import app
-from avrgym.recording.reader import Header
+from avrgym.recording.reader import RecordingHeader
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.plan import timestamps
 from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan, sha256
-from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP, verify_time_stamp
+from avrgym.study.plan.timestamps import REGISTRATION_FILE, TIME_STAMP_FILE, verify_time_stamp
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -31,7 +31,7 @@ needs_openssl = pytest.mark.skipif(shutil.which("openssl") is None, reason="open
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -82,9 +82,9 @@ def frozen_plan(folder: Path) -> FrozenPlan:
     return frozen
 
 
-def analysed(folder: Path, out: Path) -> tuple[Analysis, str]:
+def analysed(folder: Path, out: Path) -> tuple[StudyAnalysis, str]:
     with Store(folder) as store:
-        analysis = analyse(store)
+        analysis = analyse_study(store)
         return analysis, " ".join(Page(write_without_figures(analysis, folder, out)).text.split())
 
 
@@ -126,7 +126,7 @@ def test_plan_after_a_rebuild_is_not_confirmatory(folder: Path) -> None:
     assert frozen_plan(folder).is_confirmatory
     lose_database(folder)
     frozen = frozen_plan(folder)
-    assert (frozen.is_confirmatory, frozen.at) == (False, "an unknown time")
+    assert (frozen.is_confirmatory, frozen.known_time_text) == (False, "an unknown time")
     assert "was rebuilt at" in frozen.origin_text
     for command in ("freeze", "check"):
         assert "was rebuilt" in study(command, folder).output.replace("\n", " ")
@@ -145,7 +145,7 @@ def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_pat
     frozen = frozen_plan(early)
     assert frozen.is_confirmatory
     assert frozen.record is not None
-    assert frozen.at > frozen.record.frozen_at
+    assert frozen.known_time_text > frozen.record.frozen_at
     assert "was stored in the database" in frozen.origin_text
     with Store(late) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
@@ -176,10 +176,10 @@ def test_registration_is_only_a_claim(folder: Path) -> None:
         f"The researchers claim a registration of 2026-01-02 at {address}; this is not verified."
         in frozen.origin_text
     )
-    before = (folder / REGISTRATION).read_bytes()
+    before = (folder / REGISTRATION_FILE).read_bytes()
     assert study("freeze", folder, "--registered", "https://osf.io/other").exit_code == 1
     assert study("freeze", folder, "--registered", "osf").exit_code == 1
-    assert (folder / REGISTRATION).read_bytes() == before
+    assert (folder / REGISTRATION_FILE).read_bytes() == before
     lose_database(folder)
     assert not frozen_plan(folder).is_confirmatory
 
@@ -188,7 +188,7 @@ def test_registration_is_only_a_claim(folder: Path) -> None:
 @pytest.mark.parametrize("digest", ["sha256", "sha512"])
 def test_time_stamp_is_verified_without_a_network(authority: Authority, digest: str) -> None:
     stamp = verify_time_stamp(authority.stamp(b"record", digest), b"record")
-    assert abs(stamp.at - datetime.now(UTC)) < timedelta(minutes=5)
+    assert abs(stamp.issued_at - datetime.now(UTC)) < timedelta(minutes=5)
     assert (stamp.authority, stamp.is_trusted) == ("CN=Test Authority", False)
 
 
@@ -216,7 +216,7 @@ def test_invalid_time_stamps_are_not_stored(authority: Authority, folder: Path, 
         refused = study("freeze", folder, "--timestamp", file)
         assert refused.exit_code == 1, number
         assert "time stamp" in refused.output
-        assert not (folder / TIME_STAMP).exists()
+        assert not (folder / TIME_STAMP_FILE).exists()
 
 
 @needs_openssl
@@ -245,10 +245,10 @@ def test_trusted_early_time_stamp_proves_a_plan(
     forged = (folder / FROZEN_PLAN_FILE).read_bytes().replace(b"higher", b"lower")
     (folder / FROZEN_PLAN_FILE).write_bytes(forged)
     assert "invalid time stamp" in " ".join(frozen_plan(folder).faults)
-    (folder / TIME_STAMP).write_bytes(authority.stamp(forged))
+    (folder / TIME_STAMP_FILE).write_bytes(authority.stamp(forged))
     monkeypatch.setattr(
         "avrgym.study.plan.frozen_plan.read_header",
-        lambda path: Header(configuration(), datetime(2026, 1, 1, tzinfo=UTC)),
+        lambda path: RecordingHeader(configuration(), datetime(2026, 1, 1, tzinfo=UTC)),
     )
     assert not frozen_plan(folder).is_confirmatory
 

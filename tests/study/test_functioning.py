@@ -10,18 +10,26 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS, sentences
+from avrgym.study.design.functioning import (
+    ASSISTIVE_DEVICES,
+    DECLINED,
+    DIFFICULTY_LEVELS,
+    FUNCTIONING_QUESTIONS,
+    functioning_sentences,
+)
 from avrgym.study.export import export_study
-from avrgym.study.export.functioning import MIN_GROUP_SIZE, functioning_counts, suppress
+from avrgym.study.export.functioning import MIN_GROUP_SIZE, functioning_counts, suppress_small_counts
 from avrgym.study.export.records import ExportOptions
-from avrgym.study.people.functioning import Functioning, record_functioning
-from avrgym.study.people.participants import enrol
+from avrgym.study.people.functioning import FunctioningAnswers, record_functioning
+from avrgym.study.people.participants import enrol_participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import included_languages, read_texts
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_participant, small_study
 
-ANSWERS = Functioning(dict.fromkeys(QUESTIONS, "none"), ("12", "24"), "Unverwechselbar-Syndrom")
+ANSWERS = FunctioningAnswers(
+    dict.fromkeys(FUNCTIONING_QUESTIONS, "none"), ("12", "24"), "Unverwechselbar-Syndrom"
+)
 
 
 @pytest.fixture
@@ -36,8 +44,8 @@ def store(tmp_path: Path) -> Iterator[Store]:
         yield opened
 
 
-def changed(**changes: Any) -> Functioning:
-    return Functioning(
+def changed(**changes: Any) -> FunctioningAnswers:
+    return FunctioningAnswers(
         **{"levels": ANSWERS.levels, "devices": ANSWERS.devices, "diagnosis": ANSWERS.diagnosis} | changes
     )
 
@@ -50,15 +58,21 @@ def read(path: Path) -> list[dict[str, str]]:
 @pytest.mark.parametrize("language", included_languages())
 def test_all_languages_have_all_sentences(language: str) -> None:
     texts = read_texts(language)
-    assert language == "en" or texts.untranslated(list(sentences())) == []
+    assert language == "en" or texts.untranslated_sentences(list(functioning_sentences())) == []
 
 
 @pytest.mark.slow
 def test_all_questions_can_be_declined(store: Store) -> None:
-    record_functioning(store, "sub-001", Functioning(dict.fromkeys(QUESTIONS, DECLINED), (DECLINED,)))
+    record_functioning(
+        store, "sub-001", FunctioningAnswers(dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED), (DECLINED,))
+    )
     said = store.participant("sub-001").functioning
-    assert said == {"levels": dict.fromkeys(QUESTIONS, DECLINED), "devices": [DECLINED], "diagnosis": ""}
-    assert store.database.faults() == []
+    assert said == {
+        "levels": dict.fromkeys(FUNCTIONING_QUESTIONS, DECLINED),
+        "devices": [DECLINED],
+        "diagnosis": "",
+    }
+    assert store.database.find_faults() == []
 
 
 @pytest.mark.fast_cases(2)
@@ -84,7 +98,7 @@ def test_invalid_answers_are_rejected(store: Store, changes: dict[str, Any], wor
 
 def test_answers_require_consent_and_the_design(store: Store, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="record the consent first"):
-        record_functioning(store, enrol(store, "man"), ANSWERS)
+        record_functioning(store, enrol_participant(store, "man"), ANSWERS)
     with pytest.raises(StudyError, match="is simulated; allowed: a person"):
         record_functioning(store, enrol_with_consent(store), ANSWERS)
     with Store(small_study(tmp_path / "without")) as without:
@@ -110,14 +124,14 @@ def test_answers_require_consent_and_the_design(store: Store, tmp_path: Path) ->
     ],
 )
 def test_small_groups_are_suppressed(counts: list[int], shown: list[int | None]) -> None:
-    assert suppress(counts) == shown
+    assert suppress_small_counts(counts) == shown
 
 
 def test_suppressed_groups_cannot_be_computed_from_the_total() -> None:
     for a in range(12):
         for b in range(12):
             for c in range(12):
-                shown = suppress([a, b, c])
+                shown = suppress_small_counts([a, b, c])
                 hidden = [number for number, seen in zip((a, b, c), shown, strict=True) if seen is None]
                 assert not any(seen is not None and 0 < seen < MIN_GROUP_SIZE for seen in shown)
                 assert not hidden or sum(hidden) >= MIN_GROUP_SIZE or all(seen is None for seen in shown)
@@ -128,12 +142,14 @@ def test_export_contains_individual_answers_only_on_request(store: Store, tmp_pa
     rows = {(row.question, row.answer): row.people for row in functioning_counts(store)}
     assert rows["seeing", "none"] == "7"
     assert rows["walking", "some"] == rows["walking", "none"] == "suppressed"
-    assert rows["devices", f"12: {DEVICES['12']}"] == "7"
+    assert rows["devices", f"12: {ASSISTIVE_DEVICES['12']}"] == "7"
     export_study(store, "csv", tmp_path / "public")
     files = [path.read_bytes() for path in (tmp_path / "public").rglob("*") if path.is_file()]
     assert not any(b"Unverwechselbar" in data for data in files)
     assert not (tmp_path / "public" / "functioning_by_person.csv").exists()
-    assert len(read(tmp_path / "public" / "functioning.csv")) == 6 * (len(LEVELS) + 1) + len(DEVICES)
+    assert len(read(tmp_path / "public" / "functioning.csv")) == 6 * (len(DIFFICULTY_LEVELS) + 1) + len(
+        ASSISTIVE_DEVICES
+    )
     export_study(store, "csv", tmp_path / "health", extras=ExportOptions(health=True))
     *_, last = read(tmp_path / "health" / "functioning_by_person.csv")
     assert (last["walking"], last["devices"], last["diagnosis"]) == ("some", "12, 24", "")
@@ -148,8 +164,8 @@ def test_command_uses_the_language_of_the_participant(tmp_path: Path) -> None:
     )
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store, simulated=False)
-        english = enrol(store, "man", language="de")
-    answers = "\n".join(["none"] * len(QUESTIONS) + ["12, 24", ""]) + "\n"
+        english = enrol_participant(store, "man", language="de")
+    answers = "\n".join(["none"] * len(FUNCTIONING_QUESTIONS) + ["12, 24", ""]) + "\n"
     result = CliRunner().invoke(app, ["study", "functioning", str(folder), pseudonym], input=answers)
     assert result.exit_code == 0, result.output
     assert "no difficulty" in result.output

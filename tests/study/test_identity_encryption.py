@@ -13,13 +13,13 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.study.checking.database_checks import check_private
+from avrgym.study.checking.database_checks import check_private_files
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.identities import encrypt_names
-from avrgym.study.people.participants import enrol, set_identity
+from avrgym.study.people.participants import enrol_participant, set_identity
 from avrgym.study.storage import database, identity_file, identity_keys
 from avrgym.study.storage.identity_file import Identity
-from avrgym.study.storage.identity_keys import KEY_FILE, PASSPHRASE, KeyUnavailable
+from avrgym.study.storage.identity_keys import KEY_FILE_VARIABLE, PASSPHRASE_VARIABLE, KeyUnavailableError
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import user_data_folder
@@ -31,7 +31,7 @@ NAME, CONTACT, SECRET = "Zora Unmistakable", "zora@example.org", "a long passphr
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    for variable in (database.URL_VARIABLE, PASSPHRASE, KEY_FILE):
+    for variable in (database.DATABASE_URL_VARIABLE, PASSPHRASE_VARIABLE, KEY_FILE_VARIABLE):
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setattr(identity_keys, "SCRYPT_COST", 4)
     yield
@@ -46,10 +46,10 @@ def folder(tmp_path: Path) -> Path:
 @pytest.fixture
 def locked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study with names encrypted by a passphrase, which is missing."""
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME, contact=CONTACT)
-    monkeypatch.delenv(PASSPHRASE)
+        enrol_participant(store, "woman", name=NAME, contact=CONTACT)
+    monkeypatch.delenv(PASSPHRASE_VARIABLE)
     return folder
 
 
@@ -71,7 +71,7 @@ def is_readable(folder: Path) -> bool:
 
 def notes(folder: Path) -> str:
     with Store(folder) as store:
-        return " ".join(f"{each.where} {each.message} {each.is_error}" for each in check_private(store))
+        return " ".join(f"{each.where} {each.message} {each.is_error}" for each in check_private_files(store))
 
 
 # A key file
@@ -96,25 +96,25 @@ def test_new_study_uses_a_key_file_outside_the_study(folder: Path) -> None:
 
 def test_study_works_without_the_key_file(folder: Path) -> None:
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME)
+        enrol_participant(store, "woman", name=NAME)
         lock = identity_file.key_source(folder)
         assert lock is not None
         key = identity_keys.key_file_path(lock)
         lost = key.rename(key.with_suffix(".elsewhere"))
         before = contents(folder)
         for act in (
-            lambda: enrol(store, "woman", name="Ada"),
+            lambda: enrol_participant(store, "woman", name="Ada"),
             lambda: set_identity(store, "sub-001", "Ada", ""),
             lambda: identity_file.read_identities(folder),
             lambda: encrypt_names(store),
         ):
-            with pytest.raises(KeyUnavailable, match="no other data"):
+            with pytest.raises(KeyUnavailableError, match="no other data"):
                 act()
         assert contents(folder) == before
         assert len(store.participants()) == 1
-        assert enrol(store, "man") == "sub-002"
+        assert enrol_participant(store, "man") == "sub-002"
         key.write_text("ab" * 32)
-        with pytest.raises(KeyUnavailable, match=r"is wrong\. Nothing was changed"):
+        with pytest.raises(KeyUnavailableError, match=r"is wrong\. Nothing was changed"):
             identity_file.read_identities(folder)
         lost.replace(key)
         assert identity_file.read_identities(folder)["sub-001"].name == NAME
@@ -123,16 +123,16 @@ def test_study_works_without_the_key_file(folder: Path) -> None:
 def test_key_file_must_be_outside_the_study(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(KEY_FILE, str(folder / "private" / "names.key"))
+    monkeypatch.setenv(KEY_FILE_VARIABLE, str(folder / "private" / "names.key"))
     with Store(folder) as store:
         with pytest.raises(StudyError, match="is in the study's folder"):
-            enrol(store, "woman", name=NAME)
+            enrol_participant(store, "woman", name=NAME)
         assert store.participants() == []
-        monkeypatch.setenv(KEY_FILE, str(tmp_path / "names.key"))
-        enrol(store, "woman", name=NAME)
+        monkeypatch.setenv(KEY_FILE_VARIABLE, str(tmp_path / "names.key"))
+        enrol_participant(store, "woman", name=NAME)
         assert identity_file.read_identities(folder)["sub-001"] == Identity(NAME, "")
-        monkeypatch.delenv(KEY_FILE)
-        with pytest.raises(KeyUnavailable):
+        monkeypatch.delenv(KEY_FILE_VARIABLE)
+        with pytest.raises(KeyUnavailableError):
             identity_file.read_identities(folder)
 
 
@@ -143,11 +143,11 @@ def test_names_need_the_right_passphrase(locked: Path, monkeypatch: pytest.Monke
     assert not is_readable(locked)
     before = contents(locked)
     for given, words in (
-        (None, f"set {PASSPHRASE}"),
+        (None, f"set {PASSPHRASE_VARIABLE}"),
         ("wrong passphrase", "the passphrase of the identity file is wrong"),
     ):
         if given:
-            monkeypatch.setenv(PASSPHRASE, given)
+            monkeypatch.setenv(PASSPHRASE_VARIABLE, given)
         for command in ("names", "encrypt-names", "enrol --body man --name Ada"):
             name, *options = command.split()
             refused = avrgym(name, locked, *options)
@@ -158,23 +158,23 @@ def test_names_need_the_right_passphrase(locked: Path, monkeypatch: pytest.Monke
             assert "Zora" not in refused.output
     assert contents(locked) == before
     assert "was not searched for duplicate enrolments" in notes(locked)
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     assert NAME in avrgym("names", locked).stdout
 
 
 def test_deletion_needs_no_passphrase(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(locked) as store:
-        enrol(store, "man")
+        enrol_participant(store, "man")
         delete_participant(store, "sub-001")
-    assert identity_file.named_pseudonyms(locked) == set()
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    assert identity_file.pseudonyms_with_identity(locked) == set()
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     assert identity_file.read_identities(locked) == {}
 
 
 def test_changed_entries_are_rejected(locked: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     with Store(locked) as store:
-        enrol(store, "man", name="Max")
+        enrol_participant(store, "man", name="Max")
     path = locked / "private" / "identities.json"
     text = path.read_text().replace("sub-001", "x").replace("sub-002", "sub-001").replace("x", "sub-002")
     path.write_text(text)
@@ -183,10 +183,10 @@ def test_changed_entries_are_rejected(locked: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_short_passphrase_is_rejected(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(PASSPHRASE, "short")
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, "short")
     with Store(folder) as store:
         with pytest.raises(StudyError, match="at least 8 characters"):
-            enrol(store, "man", name="Max")
+            enrol_participant(store, "man", name="Max")
         assert store.participants() == []
     assert not (folder / "private" / "identities.json").exists()
 
@@ -240,7 +240,7 @@ def test_unencrypted_study_is_reported_and_encrypted(old: Path) -> None:
 def test_plain_file_remains_until_encryption_is_verified(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = (old / "private" / "key.json").read_bytes()
     with Store(old) as store, monkeypatch.context() as damage:
-        damage.setattr(identity_file, "decrypt", lambda *_: {})
+        damage.setattr(identity_file, "decrypt_identities", lambda *_: {})
         with pytest.raises(StudyError, match="could not be verified"):
             encrypt_names(store)
     assert (old / "private" / "key.json").read_bytes() == before
@@ -263,24 +263,24 @@ def test_leftover_plain_file_is_removed(old: Path) -> None:
 
 def test_key_can_be_replaced_by_a_passphrase(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME)
+        enrol_participant(store, "woman", name=NAME)
     assert "must be entered in a terminal" in avrgym("encrypt-names", folder, "--passphrase").stderr
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     assert "a passphrase" in avrgym("encrypt-names", folder, "--passphrase").stdout
     identity_keys._given.clear()
     assert identity_file.read_identities(folder)["sub-001"].name == NAME
-    monkeypatch.delenv(PASSPHRASE)
-    with pytest.raises(KeyUnavailable):
+    monkeypatch.delenv(PASSPHRASE_VARIABLE)
+    with pytest.raises(KeyUnavailableError):
         identity_file.read_identities(folder)
 
 
 def test_deletion_covers_files_of_an_interrupted_key_change(folder: Path) -> None:
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME)
+        enrol_participant(store, "woman", name=NAME)
         left = folder / "private" / "identities.json.new"
         left.write_bytes((folder / "private" / "identities.json").read_bytes())
         assert "identities.json.new is the temporary file of a killed process" in " ".join(
-            f"{each.where} {each.message}" for each in check_private(store)
+            f"{each.where} {each.message}" for each in check_private_files(store)
         )
         delete_participant(store, "sub-001")
         assert not left.exists()
@@ -294,7 +294,7 @@ def test_damaged_key_source_is_reported(
     file = json.loads(path.read_bytes())
     file["lock"] |= change
     path.write_text(json.dumps(file))
-    monkeypatch.setenv(PASSPHRASE, SECRET)
+    monkeypatch.setenv(PASSPHRASE_VARIABLE, SECRET)
     with pytest.raises(StudyError, match="the key source in the identity file is damaged"):
         identity_file.read_identities(locked)
 
@@ -305,7 +305,7 @@ def test_invalid_bytes_are_reported_as_damage(folder: Path, name: str) -> None:
     path.parent.mkdir(mode=0o700)
     path.write_bytes(b'{"format": "\xff"}')
     with pytest.raises(StudyError, match=r"not (an identity|a key) file"):
-        identity_file.named_pseudonyms(folder)
+        identity_file.pseudonyms_with_identity(folder)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_invalid_bytes_are_reported_as_damage(folder: Path, name: str) -> None:
 def test_passphrase_is_normalised(folder: Path, locks: str, opens: str) -> None:
     identity_keys.set_passphrase(folder, locks)
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME)
+        enrol_participant(store, "woman", name=NAME)
     identity_keys.set_passphrase(folder, opens)
     assert identity_file.read_identities(folder)["sub-001"].name == NAME
 
@@ -329,7 +329,7 @@ def test_key_file_is_written_before_names(folder: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(os, "fsync", noted)
     with Store(folder) as store:
-        enrol(store, "woman", name=NAME)
+        enrol_participant(store, "woman", name=NAME)
     lock = identity_file.key_source(folder)
     assert lock is not None
     names = [each for each in synced if each.endswith(".key") or "identities" in each]

@@ -9,7 +9,7 @@ from avrgym.cli import app
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.presentation import Presentation
 from avrgym.study.people.input_profiles import parse_profile, set_input_profile
-from avrgym.study.people.participants import enrol
+from avrgym.study.people.participants import enrol_participant
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
@@ -31,9 +31,9 @@ def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> N
         begin_attempt(store, open_session(store, pseudonym).id, trial.position, input_profile=HEAD)
         assert [attempt.input_profile for attempt in store.attempts(pseudonym)] == [HEAD]
         assert [each.detail for each in store.events() if each.name == "input changed"] == [HEAD.describe()]
-        other = enrol(store, "man", input_profile=HEAD)
+        other = enrol_participant(store, "man", input_profile=HEAD)
         assert store.participant(other).input_profile == HEAD
-        assert store.database.faults() == []
+        assert store.database.find_faults() == []
 
 
 @pytest.mark.parametrize(

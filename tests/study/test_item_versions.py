@@ -6,12 +6,14 @@ import msgspec
 import pytest
 
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item, Questionnaire
-from avrgym.study.design.design import Design, default_text, parse_design
-from avrgym.study.storage.item_versions import ItemCatalogue, design_with_versions
+from avrgym.study.design.design import Design, default_design_text, parse_design
+from avrgym.study.storage.item_versions import ItemCatalogue, design_with_item_versions
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 TLX = parse_design(
-    default_text().replace("[goals]", '[[questionnaires]]\nuse = "nasa-tlx"\nwhen = "after_trial"\n[goals]')
+    default_design_text().replace(
+        "[goals]", '[[questionnaires]]\nuse = "nasa-tlx"\nwhen = "after_trial"\n[goals]'
+    )
 )
 L1 = LIKERT_ITEMS[0]
 
@@ -37,7 +39,7 @@ def with_first_item(design: Design, item: Item) -> Design:
 def names(*asked: tuple[Design, str, Callable[[str], str]]) -> list[list[str]]:
     """The versions of items of each participant; each read a design in a language."""
     catalogue = ItemCatalogue()
-    forms = [catalogue.form(*each) for each in asked]
+    forms = [catalogue.add_design_items(*each) for each in asked]
     return [[version.item.id for version in form.versions.values()] for form in forms]
 
 
@@ -78,10 +80,10 @@ def test_instrument_changes_as_a_whole() -> None:
     later = msgspec.structs.replace(TLX, questionnaires=(TLX.questionnaires[0], changed))
     catalogue = ItemCatalogue()
     for design in (TLX, later):
-        catalogue.form(design, "en", english)
+        catalogue.add_design_items(design, "en", english)
     found = {
         each.name: [item.id for item in each.items]
-        for each in design_with_versions(TLX, catalogue).questionnaires
+        for each in design_with_item_versions(TLX, catalogue).questionnaires
     }
     ids = [item.id for item in tlx.items]
     assert found == {
@@ -94,13 +96,13 @@ def test_instrument_changes_as_a_whole() -> None:
 def test_unedited_design_has_only_first_versions() -> None:
     catalogue = ItemCatalogue()
     for translate in (english, english):
-        catalogue.form(TLX, "en", translate)
-    assert design_with_versions(TLX, catalogue) == TLX
+        catalogue.add_design_items(TLX, "en", translate)
+    assert design_with_item_versions(TLX, catalogue) == TLX
 
 
 def test_unanswered_items_are_from_the_design() -> None:
     catalogue = ItemCatalogue()
-    catalogue.form(DESIGN, "en", english)
+    catalogue.add_design_items(DESIGN, "en", english)
     more = Questionnaire("more", "after_session", (msgspec.structs.replace(L1, id="M1"),))
     later = msgspec.structs.replace(DESIGN, questionnaires=(*DESIGN.questionnaires, more))
-    assert design_with_versions(later, catalogue) == later
+    assert design_with_item_versions(later, catalogue) == later

@@ -30,10 +30,10 @@ Lock = Callable[[], AbstractContextManager[None]]
 def locked(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Lock:
     """A context manager that locks the database of a study in ``tmp_path``."""
     if request.param == "sqlite":
-        monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+        monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         return lambda: sqlite_lock(tmp_path / database.FILE)
     url = new_postgresql_database(request.getfixturevalue("postgresql"))
-    monkeypatch.setenv(database.URL_VARIABLE, url)
+    monkeypatch.setenv(database.DATABASE_URL_VARIABLE, url)
     return lambda: postgresql_lock(url)
 
 
@@ -66,8 +66,8 @@ def visit(locked: Lock, tmp_path: Path) -> Iterator[StudyVisit]:
 
 
 def attend(visit: StudyVisit) -> Visit:
-    plan = replace(visit.plan(), countdown_s=0.1)
-    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+    plan = replace(visit.plan_trials(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
 
 
 def await_phase(attended: Visit, phase: str) -> None:
@@ -106,9 +106,9 @@ def test_next_trial_waits_until_the_last_is_stored(visit: StudyVisit, locked: Lo
     with locked():
         attended.tick(300)
         assert attended.phase in ("trial", "free_after", "loading"), attended.problems
-        assert attended.session.trial == 0
+        assert attended.session.trial_index == 0
     await_phase(attended, "countdown")
-    assert attended.session.trial == 1
+    assert attended.session.trial_index == 1
     assert states(visit) == ["completed", "running"]
     attended.send(Command(name="end"))
     visit.end().result(PATIENCE_S)
@@ -131,8 +131,8 @@ def test_robot_waits_until_its_attempt_is_stored(visit: StudyVisit, locked: Lock
 
 def test_next_session_stores_an_unstored_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop waits for storage only until its timeout."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
-    monkeypatch.setattr("avrgym.study.sessions.visit.STORE_TIMEOUT_S", 0.5)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
+    monkeypatch.setattr("avrgym.study.sessions.visit.SESSION_END_TIMEOUT_S", 0.5)
     monkeypatch.setattr("avrgym.study.storage.sqlite.LOCK_TIMEOUT_S", 1)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]', free_movement_s="0.1")) as store:
         with ThreadPoolExecutor(1) as storing:

@@ -15,16 +15,20 @@ from avrgym.study.checking.summary import summarise_study
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.people.participants import withdraw
 from avrgym.study.storage import database
-from avrgym.study.storage.answers import attempts_with_open_questionnaire, change_answer, reconcile_answers
+from avrgym.study.storage.answers import (
+    attempts_with_open_questionnaire,
+    change_trial_answer,
+    reconcile_answers,
+)
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import Back, Command, Disconnected, Entered, Ready
+from avrgym.vr.protocol.messages import Back, Command, Entered, ParticipantDisconnected, Ready
 from helpers.studies.server_days import ANSWERS, ServerDay, kill_server_in
 from helpers.studies.small_studies import enrol_with_consent, make_study
 
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     protocol = {"practice_policy": '""', "free_movement_s": "0.1", "trial_steps": "3"}
     return make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', **protocol)
 
@@ -96,8 +100,8 @@ def test_open_questionnaire_is_answered_the_next_day(left: Callable[[], tuple[St
     assert len(store.attempts(pseudonym)) == 2
     assert store.attempts(pseudonym)[1].trial != attempt.trial
     assert values(store, pseudonym) == ANSWERS
-    recording = read_recording(store.path(attempt.recording))
-    assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == ANSWERS
+    recording = read_recording(store.absolute_path(attempt.recording))
+    assert {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]} == ANSWERS
     day.end()
     assert not any(attempt.recording == each.where for each in check_study(store))
     assert summarise_study(store).participants[0].questionnaires_open == 0
@@ -117,7 +121,7 @@ def test_rebuild_contains_late_answers(left: Callable[[], tuple[Store, str]]) ->
     for path in folder.glob(f"{database.FILE}*"):
         path.unlink()
     rebuilt = rebuild_study(folder)
-    assert (rebuilt.attempts, rebuilt.answers) == (1, 4)
+    assert (rebuilt.attempt_count, rebuilt.answer_count) == (1, 4)
     with Store(folder) as again:
         assert values(again, pseudonym) == ANSWERS
         assert late.keys() < ANSWERS.keys()
@@ -172,7 +176,7 @@ def test_completion_waits_for_the_last_answers(folder: Path) -> None:
             day.tick()
         day.run_until("questionnaire")
         day.answer(1)
-        day.send(Disconnected())
+        day.send(ParticipantDisconnected())
         day.tick()
         day.end()
         assert store.remaining_trials(pseudonym) == []
@@ -196,9 +200,9 @@ def assert_completed_with(store: Store, pseudonym: str, answers: dict[str, int])
     (attempt,) = store.attempts(pseudonym)
     assert (attempt.state, store.trials(pseudonym)[0].state) == ("completed", "completed")
     assert (attempt.metrics.steps, values(store, pseudonym)) == (3, answers)
-    recording = read_recording(store.path(attempt.recording))
+    recording = read_recording(store.absolute_path(attempt.recording))
     assert (recording.complete, recording.result) == (True, "completed")
-    assert {answer.item: answer.value for _, answer in recording.topics["/answers"]} == answers
+    assert {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]} == answers
     assert [each.message for each in check_study(store) if each.is_error and "policy" not in each.where] == []
 
 
@@ -260,15 +264,15 @@ def test_answers_agree_after_a_kill(left: Callable[[], tuple[Store, str]]) -> No
     """Recording or database lacks the last change of an answer."""
     store, pseudonym = left()
     (attempt,) = store.attempts(pseudonym)
-    change_answer(store, attempt.id, Answer("L2", 4, 1.0))
+    change_trial_answer(store, attempt.id, Answer("L2", 4, 1.0))
     recorded = [
         Answer("L1", 1, 1.0),
         Answer("L2", 2, 1.0),
         *(Answer("L1", value, 1.0) for value in (5, 1, 3)),
     ]
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         lacking = reconcile_answers(store, connection, attempt, recorded)
     assert lacking == [Answer("L2", 4, 1.0)]
     assert values(store, pseudonym) == {"L1": 3, "L2": 4}
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         assert reconcile_answers(store, connection, attempt, [*recorded, *lacking]) == []

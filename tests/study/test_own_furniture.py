@@ -18,7 +18,7 @@ from helpers.studies.small_studies import enrol_with_consent, small_study
 
 @pytest.fixture(autouse=True)
 def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 def test_own_furniture_applies_in_the_sessions_of_its_owner_only(tmp_path: Path) -> None:

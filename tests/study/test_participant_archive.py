@@ -14,15 +14,15 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.recording.schema import Answer
-from avrgym.study.export.participant_archive import FILE_CONTENTS, write_participant_data
+from avrgym.study.export.participant_archive import FILE_DESCRIPTIONS, write_participant_archive
 from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, event_rows
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.adverse_events import record_adverse_event
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import add_note, set_identity
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.answers import change_answer, record_answer
-from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.answers import change_trial_answer, record_trial_answer
+from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -38,8 +38,10 @@ def change_an_answer(store: Store, pseudonym: str) -> None:
     attempt = begin_attempt(store, session.id, trial.position)
     record(store, attempt, trial, simulated=False)
     for value in (3, 4):
-        (record_answer if value == 3 else change_answer)(store, attempt.id, Answer("L1", value, 1.0))
-    end_attempt(store, attempt.id, "stopped")
+        (record_trial_answer if value == 3 else change_trial_answer)(
+            store, attempt.id, Answer("L1", value, 1.0)
+        )
+    end_incomplete_attempt(store, attempt.id, "stopped")
     close_session(store, session.id)
 
 
@@ -61,7 +63,7 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 @pytest.fixture
 def archive(store: Store, tmp_path: Path) -> Iterator[ZipFile]:
-    write_participant_data(store, "sub-001", tmp_path / "ada.zip")
+    write_participant_archive(store, "sub-001", tmp_path / "ada.zip")
     with ZipFile(tmp_path / "ada.zip") as opened:
         yield opened
 
@@ -99,7 +101,7 @@ def test_index_and_codebook_are_complete(archive: ZipFile) -> None:
     index = archive.read("README.md").decode()
     for name in archive.namelist():
         shown = f"{name.split('/')[0]}/" if "/" in name else name
-        assert shown in (*FILE_CONTENTS, "README.md")
+        assert shown in (*FILE_DESCRIPTIONS, "README.md")
         assert name == "README.md" or f"| `{shown}` |" in index
     codebook = rows(archive, "codebook.csv")
     for name in archive.namelist():
@@ -117,16 +119,16 @@ def test_archive_is_private_and_not_overwritten(store: Store, tmp_path: Path) ->
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     before = path.read_bytes()
     with pytest.raises(StudyError, match="exists already; choose another file"):
-        write_participant_data(store, "sub-001", path)
+        write_participant_archive(store, "sub-001", path)
     assert path.read_bytes() == before
     with pytest.raises(StudyError, match="there is no sub-009"):
-        write_participant_data(store, "sub-009", tmp_path / "nobody.zip")
+        write_participant_archive(store, "sub-009", tmp_path / "nobody.zip")
     assert not (tmp_path / "nobody.zip").exists()
 
 
 def test_command_reports_whether_the_name_is_included(store: Store, tmp_path: Path) -> None:
     merge_studies([store.folder], tmp_path / "merged")
-    identity_file.remove_entry(store.folder, "sub-002")
+    identity_file.remove_identity(store.folder, "sub-002")
     for folder, pseudonym, words in (
         (store.folder, "sub-001", "with name, contact and free text"),
         (store.folder, "sub-002", "without name and contact: the identity file has none"),

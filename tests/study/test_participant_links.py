@@ -16,8 +16,8 @@ from websockets.sync.client import ClientConnection, connect
 
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.tokens import StudyTokens
-from avrgym.study.people.experimenters import Experimenters
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.people.experimenters import ExperimenterTokens
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
 from avrgym.study.sessions.links import session_links
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.states import StudyError
@@ -34,7 +34,7 @@ from avrgym.vr.server.session_links import (
     WRONG_CODE_WINDOW_S,
     CodeError,
     SessionLinks,
-    TooManyCodesError,
+    TooManyWrongCodesError,
     link_sha256,
     new_link,
 )
@@ -74,7 +74,7 @@ def serving(store: Store, folder: Path) -> Iterator[Served]:
     links = session_links(store)
     with (
         ThreadPoolExecutor(1) as workers,
-        Experimenters(store) as experimenters,
+        ExperimenterTokens(store) as experimenters,
         LiveServer(
             lambda send: StudySessions(store, send, workers, links=links),
             "127.0.0.1",
@@ -101,7 +101,7 @@ def served(store: Store, tmp_path: Path) -> Iterator[Served]:
 
 
 def take_in_german(store: Store) -> str:
-    pseudonym = enrol(store, "man", language="de")
+    pseudonym = enrol_participant(store, "man", language="de")
     record_consent(store, pseudonym)
     record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
@@ -111,7 +111,7 @@ def take_in_german(store: Store) -> str:
 def opened(served: Served, token: str, path: str = "/ws") -> Iterator[ClientConnection]:
     """A connected socket."""
     with connect(f"ws://127.0.0.1:{served.server.port}{path}", max_size=None) as socket:
-        socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
         yield socket
 
 
@@ -248,45 +248,45 @@ class Clock:
 
 def test_code_is_valid_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
-    assert links.code() is None
-    links.begin("first", ENGLISH)
-    code = links.code()
+    assert links.current_code() is None
+    links.set_link("first", ENGLISH)
+    code = links.current_code()
     assert code is not None
-    assert (len(code), links.code()) == (6, code)
-    assert links.exchange(code) == "first"
+    assert (len(code), links.current_code()) == (6, code)
+    assert links.exchange_code(code) == "first"
     with pytest.raises(CodeError):
-        links.exchange(code)
-    later = links.code()
+        links.exchange_code(code)
+    later = links.current_code()
     assert later is not None
     clock.now_s += CODE_VALID_S - 1.0
-    assert links.code() != later
-    assert links.exchange(later) == "first"
-    old = links.code()
+    assert links.current_code() != later
+    assert links.exchange_code(later) == "first"
+    old = links.current_code()
     assert old is not None
     clock.now_s += CODE_VALID_S + 1.0
     with pytest.raises(CodeError):
-        links.exchange(old)
-    last = links.code()
+        links.exchange_code(old)
+    last = links.current_code()
     assert last is not None
-    links.begin("second", ENGLISH)
+    links.set_link("second", ENGLISH)
     with pytest.raises(CodeError):
-        links.exchange(last)
+        links.exchange_code(last)
 
 
 def test_number_of_guesses_is_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     clock, links = Clock(monkeypatch), SessionLinks()
-    links.begin("link", ENGLISH)
-    code = links.code()
+    links.set_link("link", ENGLISH)
+    code = links.current_code()
     assert code is not None
     wrong = f"{(int(code) + 1) % 10**6:06}"
     for _ in range(MAX_WRONG_CODES):
         with pytest.raises(CodeError):
-            links.exchange(wrong)
+            links.exchange_code(wrong)
     for guess in (wrong, code):
-        with pytest.raises(TooManyCodesError):
-            links.exchange(guess)
+        with pytest.raises(TooManyWrongCodesError):
+            links.exchange_code(guess)
     clock.now_s += WRONG_CODE_WINDOW_S + 1.0
-    assert links.exchange(code) == "link"
+    assert links.exchange_code(code) == "link"
 
 
 @pytest.mark.slow
@@ -323,11 +323,11 @@ def test_headset_joins_by_code(served: Served) -> None:
         page.set_default_timeout(1000 * PATIENCE_S)
         dashboard = browser.new_page(viewport={"width": 900, "height": 900})
         experimenter = served.server.tokens.experimenter
-        dashboard.goto(served.server.urls("dashboard?detail=light", experimenter)[0])
+        dashboard.goto(served.server.page_urls("dashboard?detail=light", experimenter)[0])
         dashboard.get_by_role("button", name=german).click()
         dashboard.get_by_role("button", name="Begin session").click()
         expect(dashboard.locator("#link-code")).to_contain_text(" ")
-        page.goto(f"{served.server.pages()[0]}?detail=light")
+        page.goto(f"{served.server.participant_urls_without_token()[0]}?detail=light")
         expect(page.locator("#status-words")).to_have_text("Enter the code that the experimenter gives you.")
         enter(page, "12")
         expect(page.locator("#code-wrong")).to_contain_text("wrong or too old")
@@ -347,7 +347,7 @@ def test_headset_joins_by_code(served: Served) -> None:
         served.sessions.begin(other)
         page.reload()
         expect(page.locator("#status-words")).to_have_text(GERMAN["link_ended"])
-        enter(page, served.sessions.links.code() or "")
+        enter(page, served.sessions.links.current_code() or "")
         expect(page.locator("#status-words")).to_have_text("Connected to the server")
         browser.close()
 

@@ -11,12 +11,12 @@ from avrgym.analysis.plan import required_tests, suggested_hypotheses
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
 from avrgym.study.design.comparison import differences
-from avrgym.study.design.design import DesignError, default_text, parse_design
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion, withdraw
-from avrgym.study.plan.deviations import changed, deviations
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion, withdraw
+from avrgym.study.plan.deviations import describe_change, deviations
 from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, read_frozen_plan
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, parse_plan
-from avrgym.study.plan.plan_template import template
+from avrgym.study.plan.plan_template import plan_template_text
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import (
@@ -27,9 +27,9 @@ from helpers.studies.small_studies import (
     small_study,
 )
 
-DESIGN = parse_design(default_text())
+DESIGN = parse_design(default_design_text())
 OFFERED = required_tests(DESIGN)
-TEXT = template(DESIGN, OFFERED, suggested_hypotheses(DESIGN))
+TEXT = plan_template_text(DESIGN, OFFERED, suggested_hypotheses(DESIGN))
 SESSION_ITEMS = """
 [[questionnaires]]
 name = "csq"
@@ -37,18 +37,18 @@ when = ["before_session", "after_session"]
 items = [{ id = "C1", text = "I feel \\"sick\\".", points = 7, low = "no", high = "yes" }]
 """
 DESIGNS = {
-    "the paper's": default_text(),
-    "one policy": default_text().replace('["original", "revised"]', '["revised"]'),
-    "items about sessions": default_text().replace("[goals]", f"{SESSION_ITEMS}\n[goals]"),
-    "a title that TOML escapes": default_text().replace('title = "', 'title = "\\"A\\"\\u0007\\n'),
-    "no items": default_text()[: default_text().index("\n[[questionnaires]]\n")]
-    + default_text()[default_text().index("\n[goals]") :],
+    "the paper's": default_design_text(),
+    "one policy": default_design_text().replace('["original", "revised"]', '["revised"]'),
+    "items about sessions": default_design_text().replace("[goals]", f"{SESSION_ITEMS}\n[goals]"),
+    "a title that TOML escapes": default_design_text().replace('title = "', 'title = "\\"A\\"\\u0007\\n'),
+    "no items": default_design_text()[: default_design_text().index("\n[[questionnaires]]\n")]
+    + default_design_text()[default_design_text().index("\n[goals]") :],
 }
 
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 def study(*arguments: str | Path) -> Result:
@@ -62,8 +62,10 @@ def study(*arguments: str | Path) -> Result:
 def test_template_of_each_design_is_a_complete_plan(text: str) -> None:
     design = parse_design(text)
     offered = required_tests(design)
-    plan = parse_plan(template(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered)
-    labels = {plan.label(test, measure) for test, measures in offered.items() for measure in measures}
+    plan = parse_plan(
+        plan_template_text(design, offered, suggested_hypotheses(design)), "plan.toml", design, offered
+    )
+    labels = {plan.plan_status(test, measure) for test, measures in offered.items() for measure in measures}
     assert labels == {CONFIRMATORY, EXPLORATORY}
     assert plan.participants == design.participants
 
@@ -112,7 +114,7 @@ def test_differences_are_listed_by_value() -> None:
     before = {"a": 1, "b": {"c": [1, 2]}, "items": [{"id": "x"}, {"id": "y"}], "gone": "?" * 200}
     after = {"a": 2, "b": {"c": [1, 3]}, "items": [{"id": "x"}, {"id": "z"}, {"id": "w"}], "new": True}
     assert list(differences(before, before)) == []
-    assert [changed(*each) for each in differences(before, after)] == [
+    assert [describe_change(*each) for each in differences(before, after)] == [
         "a was 1, is 2",
         "b.c was [1, 2], is [1, 3]",
         'items 2.id was "y", is "z"',
@@ -251,7 +253,7 @@ def test_all_deviations_are_listed(tmp_path: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
         withdraw(store, enrol_with_consent(store, simulated=False))
-        out = enrol(store, "man")
+        out = enrol_participant(store, "man")
         record_consent(store, out)
         record_inclusion(store, out, {name: not yes for name, yes in eligible_answers(store).items()})
     person = packaged_policies("avrgym/FeedingJaco-v1")["original"].read_bytes()

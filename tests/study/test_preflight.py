@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.policies.trained import packaged_policies
-from avrgym.study.checking.preflight import needed_policies, policy_errors
+from avrgym.study.checking.preflight import environment_policy_pairs, policy_errors
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
@@ -20,7 +20,7 @@ JACO = "avrgym/FeedingJaco-v1"
 
 @pytest.fixture(autouse=True)
 def _at_home(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
 
 
@@ -49,7 +49,7 @@ def check(folder: Path) -> tuple[int, list[str]]:
 @pytest.mark.slow
 def test_all_policies_are_loaded_in_all_environments(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
-        needed = needed_policies(store)
+        needed = environment_policy_pairs(store)
         assert len(needed) == len(set(needed)) == 4 * 2 * 2
         assert list(policy_errors(store)) == []
     code, lines = check(tmp_path / "study")

@@ -6,12 +6,17 @@ from pathlib import Path
 import pytest
 
 from avrgym.analysis.output import write_analysis
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.commands.respondents import PROXY
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
-from avrgym.study.people.consents import missing_role
-from avrgym.study.people.participants import decline_consent, enrol, record_consent, record_inclusion
+from avrgym.study.people.consents import missing_consent_role
+from avrgym.study.people.participants import (
+    decline_consent,
+    enrol_participant,
+    record_consent,
+    record_inclusion,
+)
 from avrgym.study.people.proxies import set_respondent
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage import database
@@ -22,7 +27,7 @@ from helpers.studies.small_studies import eligible_answers, enrol_with_consent, 
 
 @pytest.fixture(autouse=True)
 def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture
@@ -33,15 +38,15 @@ def store(tmp_path: Path) -> Store:
 @pytest.mark.parametrize("order", [("proxy", "assent"), ("assent", "proxy")])
 def test_proxy_consent_and_assent_are_two_records(store: Store, order: tuple[str, str]) -> None:
     """The participant takes part only with both. The plan of the session contains both."""
-    name = enrol(store, "woman", simulated=True)
+    name = enrol_participant(store, "woman", simulated=True)
     assert not record_consent(store, name, order[0])
     assert store.participant(name).state == "enrolled"
-    assert missing_role(store.consents(name), "1") == order[1]
+    assert missing_consent_role(store.consents(name), "1") == order[1]
     with pytest.raises(StudyError):
         record_inclusion(store, name, eligible_answers(store))
     assert record_consent(store, name, order[1])
     assert [each.role for each in store.consents(name)] == list(order)
-    assert missing_role(store.consents(name), "1") == ""
+    assert missing_consent_role(store.consents(name), "1") == ""
     record_inclusion(store, name, eligible_answers(store))
     plan = plan_session(store, name)
     assert plan.consent is not None
@@ -51,7 +56,7 @@ def test_proxy_consent_and_assent_are_two_records(store: Store, order: tuple[str
 
 
 def test_a_participant_who_does_not_assent_withdraws(store: Store) -> None:
-    name = enrol(store, "woman")
+    name = enrol_participant(store, "woman")
     record_consent(store, name, "proxy")
     with pytest.raises(StudyError):
         decline_consent(store, name)  # there is no new version to decline
@@ -61,7 +66,7 @@ def test_a_participant_who_does_not_assent_withdraws(store: Store) -> None:
 
 
 def test_a_new_version_needs_both_again(store: Store) -> None:
-    name = enrol(store, "woman")
+    name = enrol_participant(store, "woman")
     record_consent(store, name, "proxy")
     record_consent(store, name, "assent")
     design = store.folder / "study.toml"
@@ -76,7 +81,7 @@ def test_a_new_version_needs_both_again(store: Store) -> None:
 
 
 def test_unknown_roles_and_respondents_are_refused(store: Store) -> None:
-    name = enrol(store, "woman")
+    name = enrol_participant(store, "woman")
     with pytest.raises(StudyError, match="allowed: participant, proxy, assent"):
         record_consent(store, name, "mother")
     with pytest.raises(StudyError, match="allowed: participant, proxy"):
@@ -97,12 +102,12 @@ def test_answers_by_proxy_are_marked_in_every_table_and_in_the_report(store: Sto
     by_proxy = [each for each in given if each.respondent == PROXY]
     assert 0 < len(by_proxy) < len(given)
     assert all(each.respondent is None for each in store.answers(names[0]))
-    analysis = analyse(store)
-    assert sum(row.respondent == PROXY for row in analysis.observed.answers) == len(by_proxy)
-    whole = [row for row in analysis.subjective if (row.task, row.robot) == ("all", "all")]
+    analysis = analyse_study(store)
+    assert sum(row.respondent == PROXY for row in analysis.study_data.answers) == len(by_proxy)
+    whole = [row for row in analysis.answer_summaries if (row.task, row.robot) == ("all", "all")]
     assert sum(row.by_proxy for row in whole) == len(by_proxy)
-    assert sum(row.by_proxy for row in analysis.likert) == len(by_proxy)
-    assert all(0 <= row.by_proxy <= row.count for row in analysis.likert)
+    assert sum(row.by_proxy for row in analysis.answer_frequencies) == len(by_proxy)
+    assert all(0 <= row.by_proxy <= row.count for row in analysis.answer_frequencies)
     out = tmp_path / "analysis"
     write_analysis(analysis, store.folder, out)
     assert f"A proxy gave {len(by_proxy)} of" in (out / "report" / "index.html").read_text()

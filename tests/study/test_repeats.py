@@ -14,7 +14,7 @@ import pytest
 from msgspec.structs import replace as with_values
 from typer.testing import CliRunner
 
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.cli.main import app
 from avrgym.recording.schema import AttemptEnd, Metrics
 from avrgym.study.checking.repeat_checks import (
@@ -30,25 +30,25 @@ from avrgym.study.checking.repeats import (
     TECHNICAL,
     UNKNOWN,
     AttemptedTrial,
-    Repeat,
+    ReplacedAttempt,
     attempted_trials,
 )
-from avrgym.study.design.design import Design, default_text, parse_design
+from avrgym.study.design.design import Design, default_design_text, parse_design
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
-from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
-from avrgym.study.storage.audit_log import OWN_TOKEN, Actor, add_entry
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
+from avrgym.study.storage.audit_log import PERSONAL_TOKEN, AuditActor, add_log_entry
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Command, CommandName, Disconnected
+from avrgym.vr.protocol.messages import Command, CommandName, ParticipantDisconnected
 from helpers.browser.html_page import Page
 from helpers.studies.known_results import write_without_figures
 from helpers.studies.small_studies import enrol_with_consent, make_study, record
 from helpers.vr.visit import Visit
 
-ADA = Actor("ada", OWN_TOKEN)
+ADA = AuditActor("ada", PERSONAL_TOKEN)
 STEPS = 3
 Ends = list[tuple[AttemptEnd, bool]]
 """How attempts before the completed one ended, and whether the robot had succeeded by then."""
@@ -56,7 +56,7 @@ Ends = list[tuple[AttemptEnd, bool]]
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 def run(store: Store, pseudonym: str, ends: Callable[[Trial], Ends], *, complete: bool = True) -> None:
@@ -69,11 +69,11 @@ def run(store: Store, pseudonym: str, ends: Callable[[Trial], Ends], *, complete
         for state, success in ends(trial):
             attempt = begin_attempt(store, session.id, trial.position)
             if state == "repeated":
-                add_entry(store, ADA, "repeat", pseudonym)
-            end_attempt(store, attempt.id, state, Metrics(STEPS, -9.0, success, 4.0))
+                add_log_entry(store, ADA, "repeat", pseudonym)
+            end_incomplete_attempt(store, attempt.id, state, Metrics(STEPS, -9.0, success, 4.0))
         attempt = begin_attempt(store, session.id, trial.position)
         if not complete:
-            end_attempt(store, attempt.id, "failed")
+            end_incomplete_attempt(store, attempt.id, "failed")
             continue
         record(store, attempt, trial)
         complete_attempt(store, attempt.id, Metrics(STEPS, -1.5, True, 4.0))
@@ -111,7 +111,7 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
         while sum(len(each.repeats) for each in attempted_trials(store)) < 24:
             run(store, enrol_with_consent(store), until_success)
         extra = sum(len(each.repeats) for each in attempted_trials(store))
-        analysis = analyse(store)
+        analysis = analyse_study(store)
     named = f"depend on the policy: original {extra} extra attempts in "
     listed = of_repeats(study("check", folder))
     assert [line for line in listed if named in line]
@@ -123,8 +123,8 @@ def test_policy_repeated_until_success_is_reported(folder: Path) -> None:
     ]
     assert [line for line in listed if "depend on the outcome" in line and "(exact test" in line]
     assert named in study("status", folder)
-    assert analysis.plan is not None
-    assert named in " ".join(each.message for each in analysis.plan.deviations)
+    assert analysis.frozen_plan is not None
+    assert named in " ".join(each.message for each in analysis.frozen_plan.deviations)
     page = " ".join(Page(write_without_figures(analysis, folder, folder / "analysis")).text.split())
     assert page.count(named) == 2  # in the plan's deviations and in the section about repeats
     assert (
@@ -147,7 +147,7 @@ def test_technical_repeats_are_no_finding(folder: Path) -> None:
                 lambda trial: [("failed", False)] * (2 * (trial.policy == "original")),
             )
         assert list(check_repeats(store)) == []
-        assert {row.reason for row in analyse(store).repeats} == {TECHNICAL}
+        assert {row.reason for row in analyse_study(store).repeats} == {TECHNICAL}
     assert of_repeats(study("check", folder)) == []
 
 
@@ -165,7 +165,9 @@ def test_balanced_requested_repeats_are_no_finding(folder: Path) -> None:
                 ),
             )
         assert list(check_repeats(store)) == []
-        page = " ".join(Page(write_without_figures(analyse(store), folder, folder / "analysis")).text.split())
+        page = " ".join(
+            Page(write_without_figures(analyse_study(store), folder, folder / "analysis")).text.split()
+        )
     assert "8 attempts were replaced by repeats: experimenter 8. Requested by: ada 8." in page
 
 
@@ -210,7 +212,7 @@ def test_blinded_experimenter_sees_policy_codes(tmp_path: Path) -> None:
             )
         (found,) = check_repeats(store)
         assert "original" not in found.message
-        letter = store.design.policy_codes()["original"]
+        letter = store.design.blinded_policy_letters()["original"]
         assert f"{letter} 8 extra attempts in 8 of 8 trials" in found.message
 
 
@@ -226,14 +228,14 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 def by_command(name: CommandName) -> Callable[[Store, Visit], None]:
     def give(store: Store, visit: Visit) -> None:
-        add_entry(store, ADA, name, "sub-001")
+        add_log_entry(store, ADA, name, "sub-001")
         visit.send(Command(name=name))
 
     return give
 
 
 def tell(
-    message: messages.ClientMessage | messages.ExperimenterMessage | Disconnected,
+    message: messages.ClientMessage | messages.ExperimenterMessage | ParticipantDisconnected,
 ) -> Callable[[Store, Visit], None]:
     return lambda _, visit: visit.send(message)
 
@@ -246,7 +248,7 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
     "not logged": (tell(Command(name="repeat")), EXPERIMENTER, "repeated", NOT_LOGGED),
     "participant's stop": (tell(messages.Stop()), PARTICIPANT, "stopped", ""),
     "left VR": (tell(messages.Left()), PARTICIPANT, "left VR", ""),
-    "network": (tell(Disconnected()), TECHNICAL, "network", ""),
+    "network": (tell(ParticipantDisconnected()), TECHNICAL, "network", ""),
     "menu": (tell(messages.VisibilityChanged("hidden")), TECHNICAL, "scene not visible", ""),
     "recentred": (tell(messages.OriginReset()), UNKNOWN, "measured again", ""),
     "another height": (
@@ -264,8 +266,8 @@ def test_repeat_has_reason_and_person(store: Store, ending: str) -> None:
     end, *expected = ENDINGS[ending]
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
-        plan = replace(visit.plan(), countdown_s=0.1)
-        attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+        plan = replace(visit.plan_trials(), countdown_s=0.1)
+        attended = Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
         attended.calibrate()
         attended.run_until("trial")
         end(store, attended)
@@ -319,7 +321,7 @@ def test_exact_test_keeps_its_level(alpha: float) -> None:
 @pytest.mark.slow
 def test_random_repeats_cause_at_most_1_percent_findings() -> None:
     """2 000 studies of 8 people and 16 trials; 10 % of trials are repeated, and success differs by policy."""
-    design, generator = parse_design(default_text()), np.random.default_rng(0)
+    design, generator = parse_design(default_design_text()), np.random.default_rng(0)
     found = sum(
         bool(list(repeat_findings(imagined(design, generator, 0.1, 0.1), design, None))) for _ in range(2000)
     )
@@ -329,7 +331,7 @@ def test_random_repeats_cause_at_most_1_percent_findings() -> None:
 @pytest.mark.slow
 def test_repeats_after_failures_are_found() -> None:
     """Half of the failed first attempts are repeated, and no successful ones, for both policies."""
-    design, generator = parse_design(default_text()), np.random.default_rng(0)
+    design, generator = parse_design(default_design_text()), np.random.default_rng(0)
     found = [
         any(
             "outcome" in each.message
@@ -356,7 +358,9 @@ def imagined(
             metrics = Metrics(design.trial_steps, -1.0, success, 20.0)
             first = TrialAttempt(1, position, 1, 1, "repeated", "", None, metrics, None, None, "", "")
             again = generator.random() < (after_success if success else after_failure)
-            repeats = [Repeat(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
+            repeats = (
+                [ReplacedAttempt(person, trial, first, EXPERIMENTER, "repeated", "ada")] if again else []
+            )
             last = replace(first, number=2, state="completed", metrics=with_values(metrics, success=True))
             tried.append(AttemptedTrial(person, trial, [first, last] if again else [first], repeats))
     return tried

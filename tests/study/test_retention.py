@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.study.checking.checks import check_retention_periods, check_study
-from avrgym.study.dashboard.views import overview
+from avrgym.study.dashboard.views import study_overview
 from avrgym.study.design.design import DesignError, parse_design, read_design
 from avrgym.study.design.retention import Retention
 from avrgym.study.people import retention
-from avrgym.study.people.retention import delete_due_data, due, schedule
+from avrgym.study.people.retention import delete_due_data, due_deletions, scheduled_deletions
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
@@ -70,8 +70,8 @@ def files(folder: Path) -> set[Path]:
     ],
 )
 def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_on: date) -> None:
-    assert Retention(ended_on, identities_months=months).due_on == {"identities": due_on}
-    assert Retention(identities_months=months).due_on == {}
+    assert Retention(ended_on, identities_months=months).due_dates == {"identities": due_on}
+    assert Retention(identities_months=months).due_dates == {}
 
 
 @pytest.mark.fast_cases(2)
@@ -85,14 +85,14 @@ def test_error_of_an_invalid_period_has_its_line(folder: Path, wrong: str) -> No
 def test_design_without_periods_has_nothing_due(folder: Path) -> None:
     assert parse_design((folder / "study.toml").read_text()).retention == Retention()
     with Store(folder) as store:
-        assert schedule(store) == []
+        assert scheduled_deletions(store) == []
         assert list(check_retention_periods(store)) == []
         assert list(delete_due_data(store, date(9999, 1, 1))) == []
 
 
 def test_each_kind_of_data_has_its_due_date(store: Store) -> None:
     def kinds(day: date) -> list[tuple[str, tuple[str, ...]]]:
-        return [(each.kind, each.participants) for each in due(store, day)]
+        return [(each.data_kind, each.pseudonyms) for each in due_deletions(store, day)]
 
     both = ("sub-001", "sub-002")
     assert kinds(date(2126, 12, 29)) == []
@@ -128,7 +128,7 @@ def test_recording_deleted_by_hand_is_missing(store: Store) -> None:
 
 def test_due_data_of_people_are_deleted(store: Store) -> None:
     list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.tombstones()] == [1, 2]
+    assert [each.number for each in store.deleted_participants()] == [1, 2]
     assert [each.pseudonym for each in store.participants()] == ["sub-003"]
 
 
@@ -136,10 +136,10 @@ def test_failed_deletion_does_not_stop_others(store: Store) -> None:
     session = open_session(store, "sub-001")
     with pytest.raises(StudyError, match="ses-02 of sub-001 is open"):
         list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.tombstones()] == [2]
+    assert [each.number for each in store.deleted_participants()] == [2]
     close_session(store, session.id)
     list(delete_due_data(store, date(2136, 7, 1)))
-    assert [each.number for each in store.tombstones()] == [1, 2]
+    assert [each.number for each in store.deleted_participants()] == [1, 2]
 
 
 def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
@@ -152,7 +152,7 @@ def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
 
 
 def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(retention, "today", lambda: date(2127, 1, 1))
+    monkeypatch.setattr(retention, "today_utc", lambda: date(2127, 1, 1))
     for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
         monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))
     before = files(store.folder)
@@ -160,7 +160,7 @@ def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.Mon
     (finding,) = check_retention_periods(store)
     assert words in finding.message
     assert not finding.is_error
-    assert any(words in warning for warning in overview(store, None, store.design.furniture).warnings)
+    assert any(words in warning for warning in study_overview(store, None, store.design.furniture).warnings)
     assert words in run("retention", store.folder)
     assert files(store.folder) == before
     assert identity_file.read_identities(store.folder) != {}

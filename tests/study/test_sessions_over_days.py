@@ -40,7 +40,7 @@ items = [{ id = "fatigue", text = "How tired are you?", points = 11, low = "not 
 
 @pytest.fixture(autouse=True)
 def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 def study_with_rules(folder: Path, break_every_minutes: float, max_headset_minutes: float) -> Path:
@@ -112,24 +112,24 @@ def test_an_interrupted_session_counts_towards_the_limit(tmp_path: Path) -> None
 
 def test_breaks_are_due_by_time_and_on_request() -> None:
     time = HeadsetTime(SessionRules(break_every_minutes=1.0, max_headset_minutes=10.0))
-    time.add(59.0)
+    time.add_time(59.0)
     assert not time.break_is_due
     time.request_break()
     assert time.break_is_due
     time.begin_break()
     assert not time.break_is_due
-    time.add(120.0)  # in the break
+    time.add_time(120.0)  # in the break
     time.end_break()
     assert not time.break_is_due
-    assert (time.take_warning(), time.is_over) == ("", False)
-    time.add(130.0)
+    assert (time.pop_warning(), time.is_limit_reached) == ("", False)
+    time.add_time(130.0)
     assert time.break_is_due
-    assert "5 min of 10 min" in time.take_warning()
-    assert time.take_warning() == ""
-    time.add(300.0)
-    assert time.is_over
-    assert time.take_unstored_s() == time.total_s
-    assert time.take_unstored_s() == 0.0
+    assert "5 min of 10 min" in time.pop_warning()
+    assert time.pop_warning() == ""
+    time.add_time(300.0)
+    assert time.is_limit_reached
+    assert time.pop_unstored_s() == time.total_s
+    assert time.pop_unstored_s() == 0.0
 
 
 @pytest.fixture

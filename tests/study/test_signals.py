@@ -30,7 +30,7 @@ def participant(address: str) -> Iterator[ClientConnection]:
     """A connected client of a participant."""
     url, _, token = address.partition("/#token=")
     with connect(f"ws{url.removeprefix('http')}/ws", max_size=None, max_queue=None) as client:
-        client.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "test", emulated=True)))
+        client.send(messages.encode(messages.Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
         client.recv(PATIENCE_S)
         yield client
 
@@ -74,7 +74,7 @@ def test_interrupted_command_has_its_exit_code(number: signal.Signals) -> None:
 @pytest.mark.slow
 def test_workers_end_with_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal sends Ctrl+C to the command and its workers."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     command = [AVRGYM, "study", "simulate", make_study(tmp_path), "--participants", "2"]
     with subprocess.Popen(
         command,
@@ -94,7 +94,7 @@ def test_workers_end_with_the_command(tmp_path: Path, monkeypatch: pytest.Monkey
 
 @pytest.mark.slow
 def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]')) as store:
         pseudonym = enrol_with_consent(store)
         options = ["serve", "--port", "0", "--study", tmp_path, "--participant", pseudonym]

@@ -10,12 +10,12 @@ import pytest
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording.reader import read_recording
 from avrgym.study.checking.checks import check_study
-from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
-from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Phase, Problem, Ready, Sent, Status
+from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Phase, Problem, Ready, SentMessage, Status
 from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.vr.visit import Visit
 
@@ -37,12 +37,12 @@ at_least = 4
 then = "end"
 """
 WHY = "'How sick do you feel?' was answered '3 of 4'; the limit of its stop rule is 3"
-FIRST_RULE = (default_text() + TABLES).split("[[stop_rules]]")[0].count("\n") + 1
+FIRST_RULE = (default_design_text() + TABLES).split("[[stop_rules]]")[0].count("\n") + 1
 
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     changes = {"tasks": '["Feeding"]', "robots": '["Jaco"]', "practice_policy": '""'}
     folder = make_study(tmp_path / "study", trial_steps="3", free_movement_s="0.1", **changes)
     with open(folder / "study.toml", "a") as file:
@@ -75,24 +75,24 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     ],
 )
 def test_error_of_an_invalid_rule_has_its_line(old: str, new: str, line: int, words: str) -> None:
-    text = default_text() + TABLES.replace(old, new, 1)
+    text = default_design_text() + TABLES.replace(old, new, 1)
     with pytest.raises(DesignError, match=rf"study\.toml:{FIRST_RULE + line}: {re.escape(words)}"):
         parse_design(text)
 
 
 def test_strongest_met_rule_applies() -> None:
-    rules = parse_design(default_text() + TABLES).rules
+    rules = parse_design(default_design_text() + TABLES).stop_rule_set
     then = [rules.decide("nausea", value) for value in (1, 2, 3, 4)]
     assert then[:3] == [None, None, StopDecision("pause", WHY)]
     assert then[3] is not None
-    assert then[3].then == "end"
+    assert then[3].action == "end"
     assert rules.decide("L1", 7) is None
 
 
 def test_rules_use_the_scale_of_the_instrument() -> None:
     used = '\n[[questionnaires]]\nuse = "ssq"\nwhen = "after_trial"\n'
     rule = '\n[[stop_rules]]\nitem = "ssq_nausea"\nat_least = 2\nthen = "pause"\n'
-    rules = parse_design(default_text() + used + rule).rules
+    rules = parse_design(default_design_text() + used + rule).stop_rule_set
     assert rules.decide("ssq_nausea", 2) is None
     decision = rules.decide("ssq_nausea", 3)
     assert decision == StopDecision(
@@ -104,8 +104,8 @@ def test_rules_use_the_scale_of_the_instrument() -> None:
 
 
 def attend(visit: StudyVisit) -> Visit:
-    plan = replace(visit.plan(), countdown_s=0.1)
-    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+    plan = replace(visit.plan_trials(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
 
 
 def rate(attended: Visit, nausea: int) -> None:
@@ -142,8 +142,8 @@ def test_symptoms_pause_the_session(store: Store) -> None:
     assert [attempt.state for attempt in store.attempts(pseudonym)] == ["completed", "completed"]
     (met,) = [event for event in store.events() if event.name == "stop rule met"]
     assert met.detail == f"then pause, why {WHY}"
-    recording = read_recording(store.path(store.attempts(pseudonym)[0].recording))
-    assert WHY in [event.detail for _, event in recording.topics["/events"]]
+    recording = read_recording(store.absolute_path(store.attempts(pseudonym)[0].recording))
+    assert WHY in [event.detail for _, event in recording.messages_by_topic["/events"]]
     assert not [finding for finding in check_study(store) if finding.is_error]
 
 
@@ -165,7 +165,7 @@ def test_stronger_symptoms_end_the_session(store: Store) -> None:
 
 @pytest.mark.parametrize(("nausea", "runs"), [(2, True), (3, True), (4, False)])
 def test_symptoms_before_the_session_pause_or_end_it(store: Store, nausea: int, runs: bool) -> None:
-    pseudonym, heard = enrol_with_consent(store), list[Sent]()
+    pseudonym, heard = enrol_with_consent(store), list[SentMessage]()
     sessions = StudySessions(store, heard.append, first=pseudonym)
     sessions.receive(Answer(item="nausea", value=nausea, response_time_s=1.0), 0.0)
     sessions.receive(Ready(), 0.0)

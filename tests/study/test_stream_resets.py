@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.analysis.reading.rows import StreamRow
-from avrgym.analysis.reading.study_data import read_study
+from avrgym.analysis.reading.study_data import read_study_data
 from avrgym.recording.schema import StreamSamples
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
@@ -48,7 +48,7 @@ def test_clock_jump_is_a_note(store: Store) -> None:
 
 
 def test_analysis_counts_a_reset_and_no_gap(store: Store) -> None:
-    heart = [row for row in read_study(store).streams if row.stream == "heart"]
+    heart = [row for row in read_study_data(store).streams if row.stream == "heart"]
     assert [(row.gaps, row.clock_resets, round(row.clock_jump_s, 3)) for row in heart] == [(0, 1, JUMP_S)] * 2
     assert isinstance(heart[0], StreamRow)
     assert heart[0].measured_hz == pytest.approx(100.0)

@@ -17,7 +17,7 @@ from avrgym.recording.schema import Answer
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.storage import database, identity_file, schema
-from avrgym.study.storage.answers import record_answer
+from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store
@@ -36,7 +36,7 @@ def study(*arguments: str | Path) -> Result:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study with a finished participant and one who has begun."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store))
@@ -116,7 +116,7 @@ def test_errors_have_one_line(folder: Path, arguments: list[str], message: str) 
 def test_documented_python_example_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     monkeypatch.chdir(tmp_path)
     page = (ROOT / "docs" / "how_to" / "study_in_python.md").read_text()
     (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
@@ -136,40 +136,42 @@ def _flip(path: Path) -> None:
 
 
 def _forget_an_answer(store: Store) -> None:
-    with store.database.write() as connection:
-        connection.execute(sa.delete(schema.ANSWER).where(schema.ANSWER.c.id == 2))
+    with store.database.write_transaction() as connection:
+        connection.execute(sa.delete(schema.ANSWER_TABLE).where(schema.ANSWER_TABLE.c.id == 2))
 
 
 def _change(table: sa.Table, **values: int | str) -> Callable[[Store], None]:
     def change(store: Store) -> None:
-        with store.database.write() as connection:
+        with store.database.write_transaction() as connection:
             connection.execute(sa.update(table).where(table.c.id == 2).values(**values))
 
     return change
 
 
 def _mark(store: Store, simulated: bool) -> None:
-    with store.database.write() as connection:
-        connection.execute(sa.update(schema.PARTICIPANT).values(simulated=simulated))
+    with store.database.write_transaction() as connection:
+        connection.execute(sa.update(schema.PARTICIPANT_TABLE).values(simulated=simulated))
 
 
 DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
-    "missing": (lambda s: s.path(FIRST).unlink(), FIRST, "is missing"),
-    "changed": (lambda s: _flip(s.path(FIRST)), FIRST, "its checksum differs"),
-    "empty": (lambda s: s.path(FIRST).write_bytes(b""), FIRST, "does not load"),
-    "stray": (lambda s: s.path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to no attempt"),
-    "link": (lambda s: s.path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),
+    "missing": (lambda s: s.absolute_path(FIRST).unlink(), FIRST, "is missing"),
+    "changed": (lambda s: _flip(s.absolute_path(FIRST)), FIRST, "its checksum differs"),
+    "empty": (lambda s: s.absolute_path(FIRST).write_bytes(b""), FIRST, "does not load"),
+    "stray": (lambda s: s.absolute_path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to "
+    "no attempt"),
+    "link": (lambda s: s.absolute_path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),
     "answer gone": (_forget_an_answer, SECOND, "completed without answers to L2"),
-    "answer changed": (_change(schema.ANSWER, value=7), SECOND, "with another answer"),
-    "seed changed": (_change(schema.TRIAL, seed=1), SECOND, "with another seed"),
+    "answer changed": (_change(schema.ANSWER_TABLE, value=7), SECOND, "with another answer"),
+    "seed changed": (_change(schema.TRIAL_TABLE, seed=1), SECOND, "with another seed"),
     "person marked": (lambda s: _mark(s, simulated=False), FIRST, "with another simulated"),
-    "trial undone": (_change(schema.TRIAL, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
-    "escape": (_change(schema.ATTEMPT, recording="../../x.mcap"), "../../x.mcap", "is outside the study's folder"),
+    "trial undone": (_change(schema.TRIAL_TABLE, state="planned"), "trial 2 of sub-001", "is planned with 1 completed"),
+    "escape": (_change(schema.ATTEMPT_TABLE, recording="../../x.mcap"), "../../x.mcap", "is outside the study's "
+    "folder"),
     "open names": (
-        lambda s: s.path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
+        lambda s: s.absolute_path("private/identities.json").chmod(0o644), "private/identities.json", "other users",
     ),
     "stranger": (
-        lambda s: identity_file.write_entry(s.folder, "sub-009", identity_file.Identity("Ada", "")),
+        lambda s: identity_file.write_identity(s.folder, "sub-009", identity_file.Identity("Ada", "")),
         "private/identities.json", "contains sub-009, who is not in this study",
     ),
 }  # fmt: skip
@@ -190,7 +192,7 @@ def test_check_reports_each_damage(folder: Path, store: Store, damage: str) -> N
 
 
 def test_missing_policy_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path, tasks='["Feeding"]', policies='["mine", "revised"]', robots='["Jaco"]')
     with Store(folder) as store:
         (finding,) = check_study(store)
@@ -219,14 +221,14 @@ def test_truncated_recording_may_lack_answers(store: Store) -> None:
     attempt = begin_attempt(store, session.id, trial.position)
     person = BodyModel("woman", 0.55, "fair")
     configuration = trial_configuration(store.design, trial, simulated=False, person=person)
-    RecordingWriter(store.path(attempt.recording), configuration).close()
-    record_answer(store, attempt.id, Answer("L1", 6, 1.25))
+    RecordingWriter(store.absolute_path(attempt.recording), configuration).close()
+    record_trial_answer(store, attempt.id, Answer("L1", 6, 1.25))
     assert not any(finding.is_error for finding in check_study(store))
 
 
 def test_recordings_of_other_stations_are_notes(folder: Path, store: Store) -> None:
     store.station = "elsewhere"
-    store.path(FIRST).unlink()
+    store.absolute_path(FIRST).unlink()
     (finding,) = (finding for finding in check_study(store) if finding.where == FIRST)
     assert not finding.is_error
     assert "is at another station; it was recorded at" in finding.message

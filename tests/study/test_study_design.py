@@ -7,11 +7,11 @@ import pytest
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
-from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.design.design import DesignError, default_design_text, parse_design, read_design
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import create_study
 
-TEXT = default_text()
+TEXT = default_design_text()
 TLX = """
 [[questionnaires]]
 name = "nasa_tlx"
@@ -32,7 +32,7 @@ def test_new_study_has_the_protocol_of_the_paper(tmp_path: Path) -> None:
     assert design.robot_policy_pairs == (
         ("PR2", "original"), ("PR2", "revised"), ("Jaco", "original"), ("Jaco", "revised"),
     )  # fmt: skip
-    assert design.items_at("after_trial") == LIKERT_ITEMS
+    assert design.items_at_moment("after_trial") == LIKERT_ITEMS
     assert {question.id for question in design.inclusion if not question.required} == {
         "epilepsy",
     }
@@ -119,12 +119,12 @@ def test_binary_file_is_rejected(tmp_path: Path) -> None:
 
 def test_added_questionnaires_have_their_moments() -> None:
     design = parse_design(TEXT + TLX)
-    assert [item.id for item in design.items_at("after_trial")] == ["L1", "L2", "L3", "L4"]
-    assert design.items_at("before_session") == ()
-    orders = {tuple(item.id for item in design.items_at("after_session", seed)) for seed in range(30)}
+    assert [item.id for item in design.items_at_moment("after_trial")] == ["L1", "L2", "L3", "L4"]
+    assert design.items_at_moment("before_session") == ()
+    orders = {tuple(item.id for item in design.items_at_moment("after_session", seed)) for seed in range(30)}
     assert orders > {("mental", "physical", "temporal")}
     assert all(set(order) == {"mental", "physical", "temporal"} for order in orders)
-    assert design.items_at("after_session", 4) == design.items_at("after_session", 4)
+    assert design.items_at_moment("after_session", 4) == design.items_at_moment("after_session", 4)
 
 
 def test_ids_are_unique_in_all_questionnaires() -> None:
@@ -135,15 +135,15 @@ def test_ids_are_unique_in_all_questionnaires() -> None:
 def test_blinded_experimenter_sees_letters() -> None:
     blind = TEXT.replace("blind_experimenter = false", "blind_experimenter = true")
     designs = [parse_design(blind.replace("seed = 0", f"seed = {seed}")) for seed in range(20)]
-    assert {design.shown_policy("revised", practice=False) for design in designs} == {"A", "B"}
+    assert {design.displayed_policy("revised", practice=False) for design in designs} == {"A", "B"}
     for design in designs:
-        assert {design.shown_policy(policy, practice=False) for policy in design.policies} == {"A", "B"}
-        assert design.shown_policy("revised", practice=True) == "practice"
-    assert parse_design(TEXT).shown_policy("revised", practice=False) == "revised"
+        assert {design.displayed_policy(policy, practice=False) for policy in design.policies} == {"A", "B"}
+        assert design.displayed_policy("revised", practice=True) == "practice"
+    assert parse_design(TEXT).displayed_policy("revised", practice=False) == "revised"
 
 
 def test_goals_furniture_and_reporting_are_checked():
-    text = default_text()
+    text = default_design_text()
     design = parse_design(text)
     assert set(design.goals) == set(design.tasks)
     assert design.furniture == RealFurniture()

@@ -18,9 +18,9 @@ import pytest
 
 from avrgym.learning.lerobot_dataset import FeatureStatistics
 from avrgym.robots.registry import find_robot
-from avrgym.study.export import FORMATS, export_study
+from avrgym.study.export import EXPORT_FORMATS, export_study
 from avrgym.study.export.table_files import escape_formula, write_csv
-from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -51,7 +51,7 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
         trial = opened.remaining_trials(person)[0]
         attempt = begin_attempt(opened, session.id, trial.position)
         record(opened, attempt, trial, simulated=False)
-        end_attempt(opened, attempt.id, "stopped")
+        end_incomplete_attempt(opened, attempt.id, "stopped")
         yield opened
 
 
@@ -59,11 +59,11 @@ def store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 def exports(store: Store, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Exports in all formats, each in a folder."""
     folder = tmp_path_factory.mktemp("exports")
-    for name in FORMATS:
+    for name in EXPORT_FORMATS:
         assert export_study(store, name, folder / name) == len(
             [p for p in (folder / name).rglob("*") if p.is_file()]
         )
-    return {name: folder / name for name in FORMATS}
+    return {name: folder / name for name in EXPORT_FORMATS}
 
 
 def table(path: Path) -> Any:  # a pandas data frame, whose types no checker follows
@@ -75,14 +75,14 @@ def table(path: Path) -> Any:  # a pandas data frame, whose types no checker fol
 # All formats
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_export_is_pseudonymised(exports: dict[str, Path], name: str) -> None:
     files = [path.read_bytes() for path in exports[name].rglob("*") if path.is_file()]
     assert not any(secret in data for data in files for secret in (NAME.encode(), b"ada@example.org"))
     assert any(b"pseudonymised, not anonymous" in data for data in files)
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", EXPORT_FORMATS)
 def test_export_does_not_overwrite(store: Store, exports: dict[str, Path], name: str, tmp_path: Path) -> None:
     before = {path: path.stat().st_mtime_ns for path in exports[name].rglob("*")}
     with pytest.raises(StudyError, match="is not empty; choose another folder"):
@@ -158,7 +158,7 @@ def test_table_values_match_the_codebook(exports: dict[str, Path]) -> None:
 
 def test_item_table_contains_texts(store: Store, exports: dict[str, Path]) -> None:
     rows = table(exports["csv"] / "items.csv")
-    for item, row in zip(store.design.items.values(), rows.itertuples(), strict=True):
+    for item, row in zip(store.design.items_by_id.values(), rows.itertuples(), strict=True):
         assert (row.item, row.text, row.points, row.low, row.high) == (
             item.id, item.text, item.points, item.low, item.high,
         )  # fmt: skip

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import enrol_included
@@ -16,10 +16,10 @@ LINE = "force_guard = true\n"
 
 
 def test_default_of_the_force_guard() -> None:
-    assert parse_design(default_text()).force_guard
-    assert not parse_design(default_text().replace(LINE, "")).force_guard
+    assert parse_design(default_design_text()).force_guard
+    assert not parse_design(default_design_text().replace(LINE, "")).force_guard
     with pytest.raises(DesignError, match="force_guard"):
-        parse_design(default_text().replace(LINE, 'force_guard = "yes"\n'))
+        parse_design(default_design_text().replace(LINE, 'force_guard = "yes"\n'))
 
 
 @pytest.mark.parametrize("force_guard", ["true", "false"])

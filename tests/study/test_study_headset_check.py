@@ -6,9 +6,9 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
-from avrgym.study.design.design import default_text, parse_design
+from avrgym.study.design.design import default_design_text, parse_design
 from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage.sessions import store_headset_check
 from avrgym.study.storage.store import Store
@@ -37,8 +37,8 @@ CHECK = HeadsetCheck(
 
 
 def test_default_of_the_headset_check() -> None:
-    assert parse_design(default_text()).headset_check
-    assert not parse_design(default_text().replace(LINE, "")).headset_check
+    assert parse_design(default_design_text()).headset_check
+    assert not parse_design(default_design_text().replace(LINE, "")).headset_check
 
 
 @pytest.mark.parametrize(
@@ -70,15 +70,15 @@ def test_check_is_stored_with_its_session(tmp_path: Path) -> None:
                     shaky = msgspec.structs.replace(CHECK, head=TrackedPart("headset", 1.0, 4.0))
                     for check in (shaky, CHECK):
                         visit._observer()(events.HeadsetChecked(1.0, check))
-        assert [session.headset for session in store.sessions(unchecked)] == [None]
-        assert [session.headset for session in store.sessions(pseudonym)] == [CHECK]
+        assert [session.latest_headset_check for session in store.sessions(unchecked)] == [None]
+        assert [session.latest_headset_check for session in store.sessions(pseudonym)] == [CHECK]
         told = [each.detail for each in store.events() if each.name == "headset checked"]
         assert "No-go. Your head jitters at rest by 4.0 mm" in told[0]
         assert told[1].startswith(
             "Go: the headset is ready. 72 frames per second (display: 72); 0.2 % dropped"
         )
-        assert not store.database.faults()
-        write_without_figures(analyse(store), store.folder, tmp_path / "out")
+        assert not store.database.find_faults()
+        write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
     page = (tmp_path / "out/report/index.html").read_text()
     methods = page[page.index('id="methods"') :]
     for shown in ("Checks of the headset", "some-controller", "0.2 %", "0.52 (controller)", "sub-002"):
@@ -105,7 +105,7 @@ def test_tested_stop_is_in_table_and_report(
         with StudyVisit(store, enrol_included(store, simulated=False)) as visit:
             check = msgspec.structs.replace(CHECK, stop=stop, stop_after_s=after_s)
             visit._observer()(events.HeadsetChecked(1.0, check))
-        write_without_figures(analyse(store), store.folder, tmp_path / "out")
+        write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
     with open(tmp_path / "out/tables/headset_checks.csv", encoding="utf-8-sig", newline="") as file:
         (read,) = csv.DictReader(file)
     assert [read[name] for name in ("stop_with", "stop_worked", "stop_after_s")] == row
@@ -117,7 +117,7 @@ def test_report_without_headset_checks(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)):
             pass
-        write_without_figures(analyse(store), store.folder, tmp_path / "out")
+        write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
     assert "Checks of the headset" not in (tmp_path / "out/report/index.html").read_text()
     assert not (tmp_path / "out/tables/headset_checks.csv").exists()
 

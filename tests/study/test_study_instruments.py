@@ -9,16 +9,16 @@ from typing import Any
 import pandas as pd
 import pytest
 
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.questionnaires.nasa_tlx import FACTOR_PAIRS, FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.summary import summarise_results
 from avrgym.study.dashboard.views import participant_view
-from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.design.design import DesignError, default_design_text, parse_design, read_design
 from avrgym.study.export import export_study
 from avrgym.study.storage import database
-from avrgym.study.storage.answers import record_answer, record_session_answer
+from avrgym.study.storage.answers import record_session_answer, record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
@@ -40,25 +40,25 @@ use = "ssq"
 when = ["before_session", "after_session"]
 order = "random"
 """
-LAST_LINE = default_text().count("\n")
+LAST_LINE = default_design_text().count("\n")
 WEIGHTS = "mental = 3, physical = 0, temporal = 5, performance = 1, effort = 3, frustration = 3"
 PEOPLE = 3
 
 
 def using(table: str) -> str:
-    return f"{default_text()}\n[[questionnaires]]\n{table}\n"
+    return f"{default_design_text()}\n[[questionnaires]]\n{table}\n"
 
 
 # The design
 
 
-@pytest.mark.parametrize("name", [name for name, each in INSTRUMENTS.items() if not each.texts])
+@pytest.mark.parametrize("name", [name for name, each in INSTRUMENTS.items() if not each.texts_source])
 def test_use_adds_items_of_an_instrument(name: str) -> None:
     questionnaire = parse_design(using(f'use = "{name}"\nwhen = "after_session"')).questionnaires[-1]
     instrument = INSTRUMENTS[name]
     assert (questionnaire.name, questionnaire.instrument) == (name, instrument)
     asked = [(item.id, item.text, item.points) for item in questionnaire.items]
-    assert asked == [(item.id, item.text, instrument.response.points) for item in instrument.items]
+    assert asked == [(item.id, item.text, instrument.response_scale.points) for item in instrument.items]
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_instrument_is_used_once() -> None:
 
 
 def test_custom_items_have_a_label_for_each_point() -> None:
-    text = default_text().replace(
+    text = default_design_text().replace(
         'high = "strongly agree" }', 'high = "strongly agree", labels = ["no", "yes"] }', 1
     )
     with pytest.raises(DesignError, match=r"2 labels for 7 points; allowed: one label for each point"):
@@ -161,7 +161,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     with open(folder / "study.toml", "a") as file:
         file.write(USED)
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for number in range(1, PEOPLE + 1):
                 take_part_whole(store, number)
@@ -175,11 +175,11 @@ def take_part_whole(store: Store, number: int) -> None:
     for trial in store.remaining_trials(pseudonym):
         attempt = begin_attempt(store, session, trial.position)
         metrics = record_trial(
-            store.path(attempt.recording), store.design, store.participant(pseudonym), trial
+            store.absolute_path(attempt.recording), store.design, store.participant(pseudonym), trial
         )
-        for place, item in enumerate(store.design.items_at("after_trial")):
+        for place, item in enumerate(store.design.items_at_moment("after_trial")):
             value = 4 if place < 4 else rating(number, trial.policy == "revised", place)
-            record_answer(store, attempt.id, Answer(item.id, value, 1.0))
+            record_trial_answer(store, attempt.id, Answer(item.id, value, 1.0))
         complete_attempt(store, attempt.id, metrics)
     symptoms = {item.id: 1 for item in INSTRUMENTS["ssq"].items} | {"ssq_nausea": 3}
     if number == PEOPLE:
@@ -197,7 +197,7 @@ def answer(store: Store, session: int, when: str, values: dict[str, int]) -> Non
 @pytest.fixture(scope="module")
 def out(study: Store, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("out")
-    write_without_figures(analyse(study), study.folder, folder / "analysis")
+    write_without_figures(analyse_study(study), study.folder, folder / "analysis")
     export_study(study, "csv", folder / "export")
     return folder
 
@@ -284,10 +284,10 @@ def test_export_contains_scores_scales_and_codebook(out: Path) -> None:
 def test_studies_without_instruments_have_no_score_tables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path / "study")) as store:
         export_study(store, "csv", tmp_path / "export")
-        names = [table.name for table in analyse(store).tables()]
+        names = [table.name for table in analyse_study(store).tables()]
     assert not {"scores.csv", "scales.csv"} & {path.name for path in (tmp_path / "export").iterdir()}
     assert not {"scores", "score_summaries"} & set(names)
     assert "scales" not in (tmp_path / "export" / "codebook.csv").read_text()
@@ -353,7 +353,7 @@ def test_bids_export_describes_its_values(study: Store, tmp_path: Path) -> None:
         for column in rows.columns[2:]:
             levels = described[column]["Levels"]
             assert set(rows[column].dropna().astype(int).astype(str)) <= set(levels)
-            item = next(each for each in study.design.items if column.endswith(each))
+            item = next(each for each in study.design.items_by_id if column.endswith(each))
             least, most, points = scale_of(item)
             assert (next(iter(levels)), list(levels)[-1], len(levels)) == (str(least), str(most), points)
 

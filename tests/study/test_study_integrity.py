@@ -12,7 +12,7 @@ import sqlalchemy as sa
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.finding import Finding
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, enrol, withdraw
+from avrgym.study.people.participants import add_note, enrol_participant, withdraw
 from avrgym.study.storage import database, integrity_files, schema
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
@@ -48,10 +48,10 @@ def folder(
 ) -> Path:
     """A study in each kind of database: one participant has finished, one has begun."""
     study, url = made
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     if url:
         copy = new_postgresql_database(request.getfixturevalue("postgresql"), like=url)
-        monkeypatch.setenv(database.URL_VARIABLE, copy)
+        monkeypatch.setenv(database.DATABASE_URL_VARIABLE, copy)
     return Path(shutil.copytree(study, tmp_path / "study"))
 
 
@@ -62,15 +62,15 @@ def made_on_sqlite(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def on_sqlite(made_on_sqlite: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     return Path(shutil.copytree(made_on_sqlite, tmp_path / "study"))
 
 
 def _study(folder: Path, url: str) -> Path:
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         if url:
-            patch.setenv(database.URL_VARIABLE, url)
+            patch.setenv(database.DATABASE_URL_VARIABLE, url)
         with Store(small_study(folder)) as store:
             run_participant(store, enrol_with_consent(store))
             run_participant(
@@ -162,7 +162,7 @@ def test_own_changes_are_no_findings(folder: Path) -> None:
     with Store(folder) as store, Store(folder) as beside:
         assert [finding for finding in check_study(store) if finding.is_error] == []
         withdraw(beside, "sub-002", "felt sick")
-        enrol(store, "man")
+        enrol_participant(store, "man")
         assert [finding for finding in check_study(beside) if finding.is_error] == []
     assert wrong(folder) == []
 
@@ -171,23 +171,25 @@ def test_deletion_keeps_a_valid_chain(folder: Path) -> None:
     with Store(folder) as store:
         delete_participant(store, "sub-002")
     assert wrong(folder) == []
-    with Store(folder) as store, store.database.read() as connection:
-        kept = sa.select(schema.PARTICIPANT.c.salt).where(schema.PARTICIPANT.c.number == 2)
+    with Store(folder) as store, store.database.read_transaction() as connection:
+        kept = sa.select(schema.PARTICIPANT_TABLE.c.salt).where(schema.PARTICIPANT_TABLE.c.number == 2)
         assert connection.execute(kept).first() is None
         entries = connection.execute(
-            sa.select(schema.LEDGER).where(schema.LEDGER.c.table == "participant", schema.LEDGER.c.key == 2)
+            sa.select(schema.LEDGER_TABLE).where(
+                schema.LEDGER_TABLE.c.table == "participant", schema.LEDGER_TABLE.c.key == 2
+            )
         ).all()
         assert entries[-1].content is None
 
 
 def test_rejected_action_adds_no_entry(folder: Path) -> None:
     with Store(folder) as store:
-        before = store.database.head()
+        before = store.database.chain_head()
         with pytest.raises(StudyError):
             withdraw(store, "sub-009")
         with pytest.raises(StudyError, match="is not a session of sub-002"):
             add_note(store, "sub-002", "x", session=99)
-        assert store.database.head() == before
+        assert store.database.chain_head() == before
     assert wrong(folder) == []
 
 
@@ -212,9 +214,9 @@ def test_earlier_edit_is_found_after_a_session(on_sqlite: Path) -> None:
     data[_unused(data)] ^= 1
     path.write_bytes(data)
     with Store(on_sqlite) as store:
-        enrol(store, "man")
+        enrol_participant(store, "man")
     assert [finding.where for finding in wrong(on_sqlite)] == ["study.db"]
-    (on_sqlite / integrity_files.MISMATCH).unlink()
+    (on_sqlite / integrity_files.MISMATCH_FILE).unlink()
     assert wrong(on_sqlite) == []
 
 
@@ -287,7 +289,7 @@ def test_kills_between_transaction_and_checksum_cause_no_finding(folder: Path) -
 def test_study_of_an_earlier_version_keeps_its_hash_chain(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = Path(shutil.copytree(OLD, tmp_path / "old"))
     with Store(folder) as store:
         findings = check_study(store)

@@ -13,8 +13,8 @@ from avrgym.study.design.design import FILE, read_design
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
-from avrgym.vr.emulation.emulated_headset import DONE, EmulatedHeadset
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.emulated_headset import DONE_BUTTON, EmulatedHeadset
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from helpers.browser.journey import (
     SEATING,
     TIMEOUT_S,
@@ -35,7 +35,7 @@ ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A study of two trials of 2 s, with a custom policy and one item before each session."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(
         tmp_path / "study",
         tasks=json.dumps(TASKS),
@@ -57,7 +57,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.slow
 def test_study_continues_after_a_server_crash(folder: Path) -> None:
     expect.set_options(timeout=1000 * TIMEOUT_S)
-    participant = SimulatedParticipant(draw_traits("woman", 5), 5)
+    participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
     with (
         running_server(folder, limits=RELAXED_LIMITS) as server,
         EmulatedHeadset(server.participant, 320, 180) as headset,
@@ -156,7 +156,7 @@ def come_in(dashboard: Page, headset: EmulatedHeadset) -> None:
 
 
 def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> None:
-    headset.set_poses(participant.frame(0.0, moving=False))
+    headset.set_poses(participant.tracking_frame(0.0, moving=False))
     headset.enter_vr()
     finish_phases(headset, *SEATING)
 
@@ -164,9 +164,9 @@ def sit_down(headset: EmulatedHeadset, participant: SimulatedParticipant) -> Non
 def answer_all(headset: EmulatedHeadset) -> None:
     for item, value in ANSWERS.items():
         wait_for_buttons(headset, item)
-        headset.answer(value)
+        headset.select_answer(value)
     wait_for_buttons(headset, "confirm")
-    headset.answer(DONE)
+    headset.select_answer(DONE_BUTTON)
 
 
 def await_attempt(headset: EmulatedHeadset, trial: int) -> None:

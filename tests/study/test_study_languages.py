@@ -11,14 +11,20 @@ import pytest
 
 from avrgym.study.checking.checks import check_study
 from avrgym.study.dashboard import views
-from avrgym.study.dashboard.views import overview, participant_view
-from avrgym.study.design.design import DesignError, default_text, parse_design, read_design
+from avrgym.study.dashboard.views import participant_view, study_overview
+from avrgym.study.design.design import DesignError, default_design_text, parse_design, read_design
 from avrgym.study.export import export_study
-from avrgym.study.people.participants import add_note, edit_note, enrol, record_consent, record_inclusion
+from avrgym.study.people.participants import (
+    add_note,
+    edit_note,
+    enrol_participant,
+    record_consent,
+    record_inclusion,
+)
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import Text, TextsError, normalize_whitespace, read_texts
+from avrgym.texts.interface_texts import InvalidTextsError, ParticipantText, normalize_whitespace, read_texts
 from avrgym.vr.protocol.messages import Back, Language, Phase, Question, Ready
 from helpers.studies.small_studies import eligible_answers, make_study
 from helpers.vr.visit import Visit
@@ -34,7 +40,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def take_in_german(store: Store) -> str:
-    pseudonym = enrol(store, "woman", language="de", simulated=True)
+    pseudonym = enrol_participant(store, "woman", language="de", simulated=True)
     record_consent(store, pseudonym)
     record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
@@ -43,7 +49,7 @@ def take_in_german(store: Store) -> str:
 def test_default_study_has_all_packaged_languages(folder: Path) -> None:
     assert read_design(folder / "study.toml").languages == ("en", "de")
     for only in ("de", "en"):
-        text = default_text().replace('languages = ["en"]', f'languages = ["{only}"]')
+        text = default_design_text().replace('languages = ["en"]', f'languages = ["{only}"]')
         assert parse_design(text).languages == (only,)
 
 
@@ -71,7 +77,7 @@ def test_default_study_has_all_packaged_languages(folder: Path) -> None:
 def test_error_of_a_missing_translation_has_its_line(
     tmp_path: Path, languages: str, change: dict[str, str], words: str
 ) -> None:
-    text = default_text().replace('languages = ["en"]', f"languages = {languages}")
+    text = default_design_text().replace('languages = ["en"]', f"languages = {languages}")
     for before, after in change.items():
         text = text.replace(before, after)
     line = next(n for n, each in enumerate(text.splitlines(), 1) if each.startswith("languages"))
@@ -84,7 +90,7 @@ def test_study_may_translate_only_the_page(tmp_path: Path) -> None:
     own = tmp_path / "texts" / "de.toml"
     own.parent.mkdir()
     own.write_text('[session]\nreach_ahead_page = "Strecken Sie beide Arme."\n')
-    texts, ahead = read_texts("de", tmp_path), Text("reach_ahead")
+    texts, ahead = read_texts("de", tmp_path), ParticipantText("reach_ahead")
     assert (texts.render(ahead), texts.render_for_page(ahead)) == (
         GERMAN.render(ahead),
         "Strecken Sie beide Arme.",
@@ -94,21 +100,21 @@ def test_study_may_translate_only_the_page(tmp_path: Path) -> None:
         ("ahead_page = ''", "unknown"),
     ):
         own.write_text(f"[session]\n{wrong}\n")
-        with pytest.raises(TextsError, match=words):
+        with pytest.raises(InvalidTextsError, match=words):
             read_texts("de", tmp_path)
 
 
 def test_participant_reads_one_language(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
         with pytest.raises(StudyError, match="allowed: en, de"):
-            enrol(store, "woman", language="fr")
+            enrol_participant(store, "woman", language="fr")
         pseudonym = take_in_german(store)
         read = GERMAN.translate(store.design.consent.text)
         assert store.participant(pseudonym).consent_sha256 == hashlib.sha256(read.encode()).hexdigest()
         with StudyVisit(store, pseudonym) as visit:
-            plan = replace(visit.plan(), countdown_s=0.1)
-            attended = Visit(Path(), plan, make=lambda send: visit.session(plan, send))
-            attended.session.welcome(attended.inbox.append, "participant", 0.0)
+            plan = replace(visit.plan_trials(), countdown_s=0.1)
+            attended = Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
+            attended.session.send_initial_state(attended.inbox.append, "participant", 0.0)
             attended.go_to("questionnaire")
             attended.confirms = False
             attended.answer(2)
@@ -119,8 +125,8 @@ def test_participant_reads_one_language(folder: Path, tmp_path: Path) -> None:
             attended.leave()
         assert attended.received(Language)[-1].language == "de"
         asked = {question.text for question in attended.received(Question)}
-        assert asked == {GERMAN.translate(item.text) for item in store.design.items.values()}
-        assert not asked & {item.text for item in store.design.items.values()}
+        assert asked == {GERMAN.translate(item.text) for item in store.design.items_by_id.values()}
+        assert not asked & {item.text for item in store.design.items_by_id.values()}
         assert attended.received(Phase)[-1].text.startswith("Durchgang 2 von 4: Essen Sie")
         answers = [(each.item, each.value) for each in store.answers(pseudonym)]
         assert answers == [("L1", 3), ("L2", 4), ("L3", 5), ("L4", 6)]
@@ -142,10 +148,10 @@ def test_dashboard_shows_consent_in_the_language_of_the_participant(
         assert (seen.language, seen.direction) == ("de", "ltr")
         assert seen.consent == GERMAN.sentences[normalize_whitespace(store.design.consent.text)]
         assert seen.inclusion["epilepsy"] == "Hatten Sie schon einmal Epilepsie?"
-        whole = overview(store, None, store.design.furniture)
+        whole = study_overview(store, None, store.design.furniture)
         assert (whole.languages, whole.warnings) == ({"en": "English", "de": "Deutsch"}, ())
         monkeypatch.setattr(views, "MIN_FREE_BYTES", 1 << 60)
-        (warning,) = overview(store, None, store.design.furniture).warnings
+        (warning,) = study_overview(store, None, store.design.furniture).warnings
         assert "GB left" in warning
 
 

@@ -13,12 +13,18 @@ from avrgym.study.checking.design_checks import check_design
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.people.participants import (
+    add_note,
+    enrol_participant,
+    record_consent,
+    record_inclusion,
+    withdraw,
+)
 from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.frozen_plan import adopt_plan, freeze_plan, read_frozen_plan
-from avrgym.study.plan.plan_template import write_template
+from avrgym.study.plan.plan_template import write_plan_template
 from avrgym.study.storage import database
-from avrgym.study.storage.attempts import begin_attempt, end_attempt
+from avrgym.study.storage.attempts import begin_attempt, end_incomplete_attempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -42,7 +48,7 @@ from helpers.system.paths import DATA
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +56,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two sites: atlanta with two participants, and berlin with one and no name in its design."""
     folder = tmp_path_factory.mktemp("sites")
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         make_site(folder / "a", "atlanta", trials=(None, 2))
         make_site(folder / "berlin", trials=(1,))
     return folder
@@ -70,7 +76,7 @@ def without_keys(store: Store, pseudonym: str) -> list:
     """The data of a participant without ids."""
     trials = [(each.position, each.environment, each.seed, each.state) for each in store.trials(pseudonym)]
     attempts = [
-        (each.number, each.state, each.sha256, each.metrics, store.path(each.recording).read_bytes())
+        (each.number, each.state, each.sha256, each.metrics, store.absolute_path(each.recording).read_bytes())
         for each in store.attempts(pseudonym)
     ]
     answers = [(each.item, each.value, each.answered_at) for each in store.answers(pseudonym)]
@@ -83,7 +89,7 @@ def without_keys(store: Store, pseudonym: str) -> list:
 def test_merge_contains_each_participant_once(sites: list[Path], out: Path) -> None:
     before = [files_in(site) for site in sites]
     found = merge_studies(sites, out)
-    assert [(each.site, each.pseudonyms) for each in found] == [
+    assert [(each.site_name, each.pseudonym_range) for each in found] == [
         ("atlanta", "sub-1001 to sub-1002"),
         ("berlin", "sub-2001"),
     ]
@@ -112,7 +118,7 @@ def test_merging_again_changes_nothing(sites: list[Path], out: Path) -> None:
     merge_studies(sites, out)
     before = files_in(out)
     again = merge_studies(sites[::-1], out)
-    assert [(each.rows_written, each.recordings_copied) for each in again] == [(0, 0), (0, 0)]
+    assert [(each.written_row_count, each.copied_recording_count) for each in again] == [(0, 0), (0, 0)]
     assert files_in(out) == before
 
 
@@ -146,7 +152,7 @@ def test_merge_deletes_participants_deleted_at_a_site(sites: list[Path], out: Pa
     merge_studies(sites, out)
     with Store(sites[0]) as store:
         delete_participant(store, "sub-001")
-    assert merge_studies(sites, out)[0].participants_deleted == 1
+    assert merge_studies(sites, out)[0].deleted_participant_count == 1
     assert "sub-1001" not in study_contents(out)
     assert [name for name, data in files_in(out).items() if b"laughed" in data or "sub-1001" in name] == []
     assert check_errors(out) == []
@@ -183,7 +189,7 @@ def test_merged_study_has_no_sessions_of_its_own(sites: list[Path], out: Path) -
     before = study_contents(out)
     with Store(out) as store:
         for action in (
-            lambda: enrol(store, "man"),
+            lambda: enrol_participant(store, "man"),
             lambda: open_session(store, "sub-1002"),
             lambda: withdraw(store, "sub-1002"),
             lambda: add_note(store, "sub-1002", "x"),
@@ -200,13 +206,13 @@ def test_open_session_is_updated_by_the_next_merge(sites: list[Path], out: Path)
         session = open_session(store, "sub-002")
         trial = store.remaining_trials("sub-002")[0]
         attempt = begin_attempt(store, session.id, trial.position)
-        store.path(attempt.recording).write_bytes(b"the beginning")
+        store.absolute_path(attempt.recording).write_bytes(b"the beginning")
         merge_studies(sites, out)
         assert study_contents(out)["sub-1002"][3][-1].state == "running"
         assert check_errors(out) == []
-        store.path(attempt.recording).unlink()
+        store.absolute_path(attempt.recording).unlink()
         record(store, attempt, trial, simulated=False)
-        end_attempt(store, attempt.id, "stopped")
+        end_incomplete_attempt(store, attempt.id, "stopped")
         close_session(store, session.id)
     merge_studies(sites, out)
     with Store(out) as merged, Store(sites[0]) as site:
@@ -227,13 +233,13 @@ def test_study_of_an_earlier_version_is_merged(tmp_path: Path, out: Path) -> Non
 def test_sites_with_a_shared_database_are_blocks(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study")) as store:
         for number in range(8):
-            pseudonym = enrol(store, "woman", site="berlin" if number % 2 else "atlanta")
+            pseudonym = enrol_participant(store, "woman", site="berlin" if number % 2 else "atlanta")
             record_consent(store, pseudonym)
             record_inclusion(store, pseudonym, eligible_answers(store))
         cells = [(each.site, each.cell) for each in store.participants()]
         assert sorted(cells) == [(site, cell) for site in ("atlanta", "berlin") for cell in range(4)]
         with pytest.raises(StudyError, match="'a b' is not a valid site; allowed: at most 40 letters"):
-            enrol(store, "man", site="a b")
+            enrol_participant(store, "man", site="a b")
 
 
 def test_translations_are_merged_and_must_agree(tmp_path: Path, out: Path) -> None:
@@ -369,7 +375,7 @@ def test_restored_or_renamed_site_is_rejected(sites: list[Path], out: Path, tmp_
 def test_database_url_variable_is_rejected(
     sites: list[Path], out: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(database.URL_VARIABLE, "postgresql://user@host/name")
+    monkeypatch.setenv(database.DATABASE_URL_VARIABLE, "postgresql://user@host/name")
     with pytest.raises(StudyError, match="would replace the database of each site: unset it"):
         merge_studies(sites, out)
 
@@ -406,7 +412,7 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     assert len(left_out) == 2
     damaged.write_bytes(whole[0])
     missing.write_bytes(whole[1])
-    assert merge_studies(sites, out)[0].recordings_copied == 2
+    assert merge_studies(sites, out)[0].copied_recording_count == 2
     with Store(out) as store:
         assert not [each for each in check_study(store) if "left out" in each.message]
 
@@ -451,7 +457,7 @@ def test_killed_merge_is_completed_by_the_next(sites: list[Path], out: Path, tmp
 def test_sites_share_a_frozen_plan(out: Path, tmp_path: Path) -> None:
     a, b = (make_site(tmp_path / name, name, trials=()) for name in ("a", "b"))
     with Store(a) as store:
-        write_template(a, store.design, required_tests(store.design), suggested_hypotheses(store.design))
+        write_plan_template(a, store.design, required_tests(store.design), suggested_hypotheses(store.design))
         freeze_plan(store, required_tests(store.design))
     add_participant(a, 1)
     with pytest.raises(StudyError, match=r'the frozen plan.s checksum .* is ".*" at a, "none" at b'):

@@ -22,7 +22,7 @@ from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.participants import (
     confirm_participation,
-    enrol,
+    enrol_participant,
     record_consent,
     record_inclusion,
     withdraw,
@@ -51,26 +51,26 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study with all final states, and a copy of the recordings of a deleted participant."""
     folder = small_study(tmp_path_factory.mktemp("made") / "study")
     with pytest.MonkeyPatch.context() as patch:
-        patch.delenv(database.URL_VARIABLE, raising=False)
+        patch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
         with Store(folder) as store:
             for _ in range(3):
                 run_participant(store, enrol_with_consent(store, simulated=False), simulated=False)
             withdraw(store, "sub-002", "tired")
             shutil.copytree(folder / "recordings" / "sub-003", folder.parent / "sub-003")
             delete_participant(store, "sub-003")
-            enrol(store, "man", age_years=40)
+            enrol_participant(store, "man", age_years=40)
             record_consent(store, "sub-004")
             answers = eligible_answers(store)
             assert not record_inclusion(store, "sub-004", {each: not answers[each] for each in answers})
             run_participant(store, enrol_with_consent(store, simulated=False), trials=4, simulated=False)
-            enrol(store, "man")
+            enrol_participant(store, "man")
             withdraw(store, enrol_with_consent(store, simulated=False))
     return folder
 
 
 @pytest.fixture
 def folder(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     copy = Path(shutil.copytree(made, tmp_path / "study"))
     with Store(copy):
         pass
@@ -111,14 +111,14 @@ def avrgym(*arguments: str | Path) -> Result:
 
 
 def test_list_begun_late_is_a_note(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as store:
-        enrol(store, "man")
-        enrol(store, "woman")
+        enrol_participant(store, "man")
+        enrol_participant(store, "woman")
         assert not list(check_participation(store))
         (store.folder / FILE).unlink()
     with Store(tmp_path / "study") as store:
-        enrol(store, "man")
+        enrol_participant(store, "man")
         assert any("was started at" in finding.message for finding in check_participation(store))
 
 
@@ -128,10 +128,10 @@ def test_final_states_survive_loss_of_the_database(folder: Path) -> None:
         before = {each.pseudonym: each for each in store.participants()}
     assert wrong(folder) == {}
     rebuilt = lose(folder)
-    assert (rebuilt.participants, rebuilt.unknown) == (6, 0)
+    assert (rebuilt.participant_count, rebuilt.unknown_state_count) == (6, 0)
     assert states(folder) == STATES
     with Store(folder) as store:
-        assert [each.number for each in store.tombstones()] == [3]
+        assert [each.number for each in store.deleted_participants()] == [3]
         for participant in store.participants():
             kept = before[participant.pseudonym]
             for name in (
@@ -153,7 +153,7 @@ def test_recordings_of_deleted_participants_are_ignored(folder: Path, made: Path
     assert "there are recordings of them" in wrong(folder)["sub-003"]
     rebuilt = lose(folder)
     assert "sub-003" not in states(folder)
-    assert any(each.startswith("sub-003: was deleted at") for each in rebuilt.left_out)
+    assert any(each.startswith("sub-003: was deleted at") for each in rebuilt.omission_messages)
     assert list(wrong(folder)) == ["sub-003"]
     with Store(folder) as store:
         delete_participant(store, "sub-003")
@@ -162,7 +162,7 @@ def test_recordings_of_deleted_participants_are_ignored(folder: Path, made: Path
 
 def test_list_contains_only_numbers_of_deleted_participants(folder: Path) -> None:
     with Store(folder) as store:
-        listed = store.participation()
+        listed = store.participation_list()
     assert listed is not None
     own = [each.content for each in listed.entries if each.participant == 3]
     assert len(own) > 1
@@ -207,7 +207,7 @@ def resign(folder: Path) -> None:
             (who, {name: "completed" if value == "withdrawn" else value for name, value in content.items()})
             for who, content in contents
         ]
-        ParticipationList(folder).append(edited)
+        ParticipationList(folder).append_entries(edited)
     shutil.rmtree(folder / "another")
 
 
@@ -244,11 +244,11 @@ def test_participants_without_a_valid_list_need_confirmation(folder: Path, forge
     forge, words = FORGERIES[forgery]
     forge(folder)
     rebuilt = lose(folder)
-    assert words in rebuilt.lost
+    assert words in rebuilt.lost_data
     found = states(folder)
     assert {found[name] for name in ("sub-001", "sub-002", "sub-005")} == {"unknown"}
     assert set(found.values()) == {"unknown"}
-    assert rebuilt.unknown == len(found)
+    assert rebuilt.unknown_state_count == len(found)
     assert {"sub-001", "sub-002"} <= set(wrong(folder))
     assert words in losses(folder)
     assert "sub-001" in losses(folder)
@@ -315,13 +315,13 @@ def test_only_unknown_participants_can_be_confirmed(folder: Path) -> None:
 
 
 def test_unsigned_list_proves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     (tmp_path / "file").touch()
     monkeypatch.setattr(signing, "user_data_folder", lambda: tmp_path / "file")
     folder = small_study(tmp_path / "study")
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), trials=1)
-    assert "is not signed" in lose(folder).lost
+    assert "is not signed" in lose(folder).lost_data
     assert states(folder) == {"sub-001": "unknown"}
 
 
@@ -399,12 +399,12 @@ def test_study_opens_after_a_kill_in_the_first_enrolment(tmp_path: Path, written
 
         patch.setattr(database, "append_transaction", fail)
         with pytest.raises(StudyError, match="as a kill"):
-            enrol(store, "man")
+            enrol_participant(store, "man")
     if not written:
         (folder / FILE).write_bytes(b'{"number":1,"partic')
     with Store(folder) as store:
         assert store.participants() == []
-        assert enrol(store, "man") == ("sub-002" if written else "sub-001")
+        assert enrol_participant(store, "man") == ("sub-002" if written else "sub-001")
 
 
 def test_list_with_invalid_bytes_is_invalid(folder: Path) -> None:
@@ -414,7 +414,7 @@ def test_list_with_invalid_bytes_is_invalid(folder: Path) -> None:
         withdraw(store, "sub-005")
         assert [path.name for path in folder.glob("*.invalid-*")] == [f"{FILE}.invalid-1"]
     (folder / FILE).write_bytes(data.replace(b"sha256", b"sha25\xff", 1))
-    assert "is damaged in line 1" in lose(folder).lost
+    assert "is damaged in line 1" in lose(folder).lost_data
 
 
 def test_deletion_removes_temporary_copies(folder: Path) -> None:
@@ -444,6 +444,6 @@ def test_unwritable_list_prevents_changes(folder: Path) -> None:
 
 
 def test_rebuild_lists_lost_data(folder: Path) -> None:
-    lost = lose(folder).lost
+    lost = lose(folder).lost_data
     for what in ("about functioning", "adverse events", "refusals to re-consent", "the log", "links of"):
         assert what in lost

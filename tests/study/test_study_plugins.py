@@ -11,13 +11,13 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.publication.methods import _plugins
-from avrgym.analysis.reading.study_data import read_study
+from avrgym.analysis.reading.study_data import read_study_data
 from avrgym.cli.main import app
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.plan.deviations import deviations
-from avrgym.study.plan.frozen_plan import PlanRecord, freeze_plan, read_frozen_plan
-from avrgym.study.plan.plan_template import write_template
+from avrgym.study.plan.frozen_plan import FrozenPlanRecord, freeze_plan, read_frozen_plan
+from avrgym.study.plan.plan_template import write_plan_template
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
@@ -31,7 +31,7 @@ ENVIRONMENT = "avrgym/FeedingJaco-v1"
 
 @pytest.fixture
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    return register(monkeypatch, tmp_path / "lab", plugins.ROBOTS, "Jaco")
+    return register(monkeypatch, tmp_path / "lab", plugins.ROBOT_GROUP, "Jaco")
 
 
 @pytest.fixture
@@ -66,7 +66,7 @@ def test_changed_robot_plugin_is_reported(robot: Path, folder: Path) -> None:
             f"was not the same in all trials: {before} in sub-001 trials 1 2; "
             f"{plugins_of(ENVIRONMENT)[0]} in sub-001 trial 3, sub-002 trial 1"
         )
-        (problem,) = (each for each in read_study(store).problems if each.where == "robot Jaco")
+        (problem,) = (each for each in read_study_data(store).problems if each.where == "robot Jaco")
         assert (problem.what, problem.simulated) == (wrong.message, True)
     code, said = checked(folder)
     assert code == 1
@@ -101,11 +101,13 @@ def freeze_with_template(store: Store) -> None:
     from avrgym.analysis.plan import available_tests, suggested_hypotheses
 
     offered = available_tests(store.design)
-    write_template(store.folder, store.design, offered, suggested_hypotheses(store.design))
+    write_plan_template(store.folder, store.design, offered, suggested_hypotheses(store.design))
     freeze_plan(store, offered)
 
 
-def deviating(store: Store, change: Callable[[PlanRecord], PlanRecord] = lambda record: record) -> list[str]:
+def deviating(
+    store: Store, change: Callable[[FrozenPlanRecord], FrozenPlanRecord] = lambda record: record
+) -> list[str]:
     frozen = read_frozen_plan(store)
     assert frozen is not None
     assert frozen.record is not None
@@ -123,10 +125,10 @@ def test_changed_plugin_is_a_deviation(robot: Path, folder: Path) -> None:
 
 
 def test_plan_of_an_earlier_version_has_no_plugins(robot: Path, folder: Path) -> None:
-    def earlier(record: PlanRecord) -> PlanRecord:
+    def earlier(record: FrozenPlanRecord) -> FrozenPlanRecord:
         values = msgspec.to_builtins(record)
         del values["plugins"]
-        return msgspec.convert(values, PlanRecord)
+        return msgspec.convert(values, FrozenPlanRecord)
 
     with Store(folder) as store:
         freeze_with_template(store)
@@ -137,7 +139,9 @@ def test_methods_section_lists_plugins(robot: Path, folder: Path) -> None:
     with Store(folder) as store:
         run_participant(store, enrol_with_consent(store), 2)
         said = list(
-            _plugins(cast(Any, Namespace(observed=read_study(store))), cast(Any, Namespace(simulated=True)))
+            _plugins(
+                cast(Any, Namespace(observed=read_study_data(store))), cast(Any, Namespace(simulated=True))
+            )
         )
     then = plugins_of(ENVIRONMENT)[0]
     assert said == [f"Plug-ins, with the hash of their files: robot Jaco: {then}, 2 trials."]

@@ -11,7 +11,7 @@ import pytest
 
 from avrgym.study.people import deletion
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, enrol, set_identity
+from avrgym.study.people.participants import add_note, enrol_participant, set_identity
 from avrgym.study.storage import database, identity_file, schema, sqlite
 from avrgym.study.storage.database import Database
 from avrgym.study.storage.sessions import close_session, open_session, record_session_event
@@ -37,7 +37,7 @@ NAMES = {NAME.encode(), CONTACT.encode(), b"Unverwechselbar"}
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     """Three people with some trials; the second has traces in all kinds of data."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(small_study(tmp_path / "study")) as opened:
         for number in (1, 2, 3):
             second = number == 2
@@ -110,7 +110,7 @@ def test_damaged_identity_file_is_rejected_and_kept(store: Store) -> None:
 
 def test_simulated_participant_has_no_name(store: Store) -> None:
     with pytest.raises(StudyError, match="cannot have a name or contact"):
-        enrol(store, "man", name="Robo", simulated=True)
+        enrol_participant(store, "man", name="Robo", simulated=True)
     assert len(store.participants()) == 3
 
 
@@ -123,7 +123,7 @@ def test_deletion_leaves_no_trace(store: Store) -> None:
     delete_participant(store, "sub-002")
     assert found(store.folder) == set()
     assert others(store) == before
-    (tombstone,) = store.tombstones()
+    (tombstone,) = store.deleted_participants()
     assert (tombstone.number, tombstone.simulated) == (2, False)
     assert [participant.number for participant in store.participants()] == [1, 3]
     store.close()
@@ -147,12 +147,12 @@ def test_deletion_removes_backups_of_the_database(store: Store) -> None:
     assert found(store.folder) == set()
 
 
-@pytest.mark.parametrize("step", ["remove_entry", "_remove", "erase_traces"])
+@pytest.mark.parametrize("step", ["remove_identity", "_remove", "erase_deleted_data"])
 def test_repeated_deletion_completes_an_interrupted_one(
     store: Store, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     before = others(store)
-    owner = {"remove_entry": identity_file, "_remove": deletion, "erase_traces": Database}[step]
+    owner = {"remove_identity": identity_file, "_remove": deletion, "erase_deleted_data": Database}[step]
     with monkeypatch.context() as crash:
         crash.setattr(owner, step, lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
@@ -176,8 +176,8 @@ def test_running_session_prevents_deletion(store: Store) -> None:
 
 def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sqlite, "LOCK_TIMEOUT_S", 0.1)
-    with Store(store.folder) as reader, reader.database.read() as connection:
-        connection.execute(schema.PARTICIPANT.select()).all()
+    with Store(store.folder) as reader, reader.database.read_transaction() as connection:
+        connection.execute(schema.PARTICIPANT_TABLE.select()).all()
         with pytest.raises(
             StudyError, match="another program uses the study, and deleted data can still be recovered"
         ):

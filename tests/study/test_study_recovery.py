@@ -11,13 +11,13 @@ from msgspec.structs import asdict
 from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
-from avrgym.recording.input_profile import CONTROLLERS
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE
 from avrgym.recording.reader import read_recording
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.rebuilding import rebuild_study
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import confirm_participation, enrol
+from avrgym.study.people.participants import confirm_participation, enrol_participant
 from avrgym.study.storage import database, identity_file, store
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -30,7 +30,7 @@ OLD = DATA / "study-of-0.2.0"
 
 @pytest.fixture(autouse=True)
 def on_sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture
@@ -84,8 +84,13 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
         (old / name).unlink()
     before = contents(old)
     rebuilt = rebuild_study(old)
-    assert (rebuilt.participants, rebuilt.unknown, rebuilt.attempts, rebuilt.answers) == (1, 1, 1, 4)
-    assert rebuilt.left_out == ("sub-002: no recording contains them",)
+    assert (
+        rebuilt.participant_count,
+        rebuilt.unknown_state_count,
+        rebuilt.attempt_count,
+        rebuilt.answer_count,
+    ) == (1, 1, 1, 4)
+    assert rebuilt.omission_messages == ("sub-002: no recording contains them",)
     assert {name: data for name, data in contents(old).items() if name in before} == before
     with Store(old) as again, Store(kept) as original:
         for name in ("trials", "attempts"):
@@ -104,7 +109,7 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
         assert [what for what in wrong if "other users" not in what] == [
             "contains sub-002, who is not in this study; `avrgym study delete-participant` removes the entry"
         ]
-        assert enrol(again, "man") == "sub-003"
+        assert enrol_participant(again, "man") == "sub-003"
         delete_participant(again, "sub-002")
     assert identity_file.read_identities(old) == {}
     assert b"Example Person" not in b"".join(contents(old).values())
@@ -117,7 +122,7 @@ def _facts(row: object) -> dict:
     facts = {name: value for name, value in values.items() if name not in made_anew}
     if isinstance(row, TrialAttempt):
         facts["metrics"] = (row.metrics.steps, row.metrics.reward, row.metrics.success)
-        facts["input_profile"] = row.input_profile or CONTROLLERS  # 0.2.0 had no input profiles
+        facts["input_profile"] = row.input_profile or DEFAULT_INPUT_PROFILE  # 0.2.0 had no input profiles
         del facts["torso_height_m"]  # 0.1.0 left it to the recordings
     return facts
 

@@ -11,7 +11,7 @@ import sqlalchemy as sa
 
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.participants import enrol, withdraw
+from avrgym.study.people.participants import enrol_participant, withdraw
 from avrgym.study.sessions import serving, threads
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage import database, schema
@@ -31,7 +31,7 @@ from avrgym.vr.protocol.messages import (
     Question,
     Ready,
     Scene,
-    Sent,
+    SentMessage,
     Welcome,
 )
 from helpers.studies.small_studies import enrol_with_consent, make_study, run_trial
@@ -44,7 +44,7 @@ class Loop:
     """Ticks the sessions while another thread sends requests; ``heard`` contains the sent messages."""
 
     def __init__(self, store: Store) -> None:
-        self.inbox: list[Sent] = []
+        self.inbox: list[SentMessage] = []
         self.sessions = StudySessions(store, self.inbox.append)
         self.now_s = 0.0
 
@@ -62,7 +62,7 @@ class Loop:
 
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     with Store(make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]')) as opened:
         yield opened
 
@@ -70,7 +70,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 @pytest.fixture
 def asking(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     """A study with two items before each session and one after it."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(tmp_path, tasks='["Feeding"]', robots='["Jaco"]')
     with open(folder / "study.toml", "a") as file:
         for when, names in (("before_session", ("nausea", "strain")), ("after_session", ("effort",))):
@@ -96,10 +96,10 @@ def loop(store: Store) -> Iterator[Loop]:
 def test_one_session_runs_at_a_time(store: Store, loop: Loop) -> None:
     """The next session begins for spectators, and not for the earlier participant."""
     first, second = enrol_with_consent(store), enrol_with_consent(store)
-    greeted: list[Sent] = []
-    watched: list[Sent] = []
-    loop.sessions.welcome(greeted.append, "participant", 0.0)
-    loop.sessions.welcome(watched.append, "spectator", 0.0)
+    greeted: list[SentMessage] = []
+    watched: list[SentMessage] = []
+    loop.sessions.send_initial_state(greeted.append, "participant", 0.0)
+    loop.sessions.send_initial_state(watched.append, "spectator", 0.0)
     loop.sessions.receive(Entered(), 0.0)
     loop.tick()
     assert (loop.sessions.participant, list(loop.sessions.scenes)) == (None, [])
@@ -145,7 +145,7 @@ def test_withdrawal_is_stored_after_the_session(store: Store, loop: Loop) -> Non
 
 
 def test_impossible_session_changes_nothing(store: Store, loop: Loop) -> None:
-    pseudonym = enrol(store, "man")
+    pseudonym = enrol_participant(store, "man")
     with pytest.raises(StudyError, match="is enrolled; only allocated participants"):
         loop.ask(loop.sessions.begin, pseudonym)
     assert (loop.sessions.participant, store.sessions(pseudonym)) == (None, [])
@@ -163,7 +163,7 @@ def test_server_end_closes_the_session(store: Store) -> None:
 # Questions about the session
 
 
-def asked(heard: list[Sent]) -> list[str]:
+def asked(heard: list[SentMessage]) -> list[str]:
     return [message.item for message in heard if isinstance(message, Question)]
 
 
@@ -176,7 +176,7 @@ def answer(loop: Loop, item: str, value: int) -> None:
 
 def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None:
     loop, pseudonym = Loop(asking), enrol_with_consent(asking)
-    loop.sessions.welcome(loop.inbox.append, "participant", 0.0)
+    loop.sessions.send_initial_state(loop.inbox.append, "participant", 0.0)
     loop.ask(loop.sessions.begin, pseudonym)
     assert [type(message) for message in loop.inbox[-5:]] == [Welcome, Language, Input, Phase, Question]
     loop.sessions.receive(Entered(), loop.now_s)
@@ -198,8 +198,8 @@ def test_questions_before_and_after_the_trials_are_stored(asking: Store) -> None
     loop.tick()
     assert asked(loop.inbox)[-1] == "effort"
     assert loop.sessions.participant == pseudonym
-    late: list[Sent] = []
-    loop.sessions.welcome(late.append, "participant", loop.now_s)
+    late: list[SentMessage] = []
+    loop.sessions.send_initial_state(late.append, "participant", loop.now_s)
     assert asked(late) == ["effort"]
     answer(loop, "effort", 1)
     loop.tick()
@@ -239,11 +239,11 @@ def test_session_with_only_the_last_questions(asking: Store) -> None:
     session = open_session(asking, pseudonym)
     for trial in asking.remaining_trials(pseudonym):
         run_trial(asking, session, trial)
-    with asking.database.write() as connection:
-        connection.execute(sa.update(schema.SESSION).values(process=NO_PROCESS))
+    with asking.database.write_transaction() as connection:
+        connection.execute(sa.update(schema.SESSION_TABLE).values(process=NO_PROCESS))
     loop.ask(loop.sessions.begin, pseudonym)
     assert asked(loop.inbox) == []
-    loop.sessions.welcome(loop.inbox.append, "participant", loop.now_s)
+    loop.sessions.send_initial_state(loop.inbox.append, "participant", loop.now_s)
     assert asked(loop.inbox) == ["effort"]
     answer(loop, "effort", 2)
     loop.tick()
@@ -260,12 +260,12 @@ def test_session_does_not_begin_without_a_link(
 
     pseudonym = enrol_with_consent(store)
     with monkeypatch.context() as patch:
-        patch.setattr(serving, "make_link", fail)
+        patch.setattr(serving, "make_session_link", fail)
         with pytest.raises(StudyError, match="disk full"):
             loop.ask(loop.sessions.begin, pseudonym)
     assert (loop.sessions.participant, loop.sessions.at_rest) == (None, True)
-    watched: list[Sent] = []
-    loop.sessions.welcome(watched.append, "experimenter", loop.now_s)
+    watched: list[SentMessage] = []
+    loop.sessions.send_initial_state(watched.append, "experimenter", loop.now_s)
     assert [each.session for each in watched if isinstance(each, Welcome)] == [""]
     loop.ask(loop.sessions.begin, pseudonym)
     assert loop.sessions.participant == pseudonym
@@ -275,13 +275,13 @@ def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch
     """The database may be locked for a minute while the robot moves."""
     loop.ask(loop.sessions.begin, enrol_with_consent(store))
     before, made_by = loop.sessions.links.link, list[threading.Thread]()
-    make_link = serving.make_link
+    make_link = serving.make_session_link
 
     def noted(*arguments: Any) -> str:
         made_by.append(threading.current_thread())
         return make_link(*arguments)
 
-    monkeypatch.setattr(serving, "make_link", noted)
+    monkeypatch.setattr(serving, "make_session_link", noted)
     loop.ask(loop.sessions.renew_link, "sub-001")
     assert made_by != [threading.current_thread()]
     assert len(made_by) == 1
@@ -293,10 +293,10 @@ def test_loop_does_not_wait_for_a_new_link(store: Store, loop: Loop, monkeypatch
 def test_link_ends_when_another_process_ends_the_session(
     store: Store, loop: Loop, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(threads, "CHECK_INTERVAL_S", 0.01)
+    monkeypatch.setattr(threads, "SESSION_POLL_INTERVAL_S", 0.01)
     loop.ask(loop.sessions.begin, enrol_with_consent(store))
     withdraw(store, "sub-001", "at another station")
     while loop.sessions.participant is not None:
         loop.tick()
     assert loop.sessions.links.link is None
-    assert loop.sessions.links.code() is None
+    assert loop.sessions.links.current_code() is None

@@ -18,11 +18,11 @@ from avrgym.study.checking.summary import summarise_study
 from avrgym.study.people.participants import withdraw
 from avrgym.study.sessions import simulation
 from avrgym.study.sessions.simulation import (
-    DryRun,
+    DryRunSettings,
     draw_participant_traits,
-    find_dry_run,
+    find_dry_run_settings,
+    find_or_enrol_participant,
     simulate_study,
-    simulated_participant,
 )
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
@@ -46,7 +46,7 @@ DESIGN = {
 
 @pytest.fixture(autouse=True)
 def sqlite(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
 
 
 @pytest.fixture
@@ -118,7 +118,8 @@ def test_dry_run_is_complete_and_can_be_continued(folder: Path) -> None:
         ]
         assert len(answers) == 10
         heights = {
-            draw_participant_traits(person, DryRun(SEED)).torso_height_m for person in store.participants()
+            draw_participant_traits(person, DryRunSettings(SEED)).torso_height_m
+            for person in store.participants()
         }
         assert len(heights) == 2
 
@@ -127,15 +128,15 @@ def test_dry_run_is_complete_and_can_be_continued(folder: Path) -> None:
 def test_withdrawal_during_a_dry_run_is_no_failure(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     run_trial = simulation._run_trial  # pyright: ignore[reportPrivateUsage]
 
-    def run_and_withdraw(visit: StudyVisit, cast: DryRun) -> None:
+    def run_and_withdraw(visit: StudyVisit, cast: DryRunSettings) -> None:
         run_trial(visit, cast)
         if visit.store.participant(visit.pseudonym).state == "allocated":
             withdraw(visit.store, visit.pseudonym, "felt sick")
 
     monkeypatch.setattr(simulation, "_run_trial", run_and_withdraw)
     with Store(folder) as store:
-        simulated_participant(store, 0, DryRun(SEED))
-        simulation.simulate_participant(folder, "sub-001", DryRun(SEED))
+        find_or_enrol_participant(store, 0, DryRunSettings(SEED))
+        simulation.simulate_participant(folder, "sub-001", DryRunSettings(SEED))
         assert store.participant("sub-001").state == "withdrawn"
         assert [trial.state for trial in store.trials("sub-001")] == ["completed", "planned", "planned"]
         assert [finding for finding in check_study(store) if finding.is_error] == []
@@ -143,24 +144,24 @@ def test_withdrawal_during_a_dry_run_is_no_failure(folder: Path, monkeypatch: py
 
 def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None:
     with Store(folder) as store:
-        simulated_participant(store, 0, DryRun(SEED))
+        find_or_enrol_participant(store, 0, DryRunSettings(SEED))
     with (
         Store(folder) as store,
         pytest.raises(StudyError, match=r"'simulated with seed 5, motion 2', not .*allowed: the same seed"),
     ):
-        simulated_participant(store, 0, DryRun(SEED + 1))
+        find_or_enrol_participant(store, 0, DryRunSettings(SEED + 1))
     with Store(folder) as store:
         enrol_with_consent(store, simulated=False)
-        assert simulated_participant(store, 1, DryRun(SEED)) == "sub-003"
+        assert find_or_enrol_participant(store, 1, DryRunSettings(SEED)) == "sub-003"
 
 
 def test_other_population_does_not_continue_earlier_participants(folder: Path) -> None:
-    zoo = find_dry_run(SEED, "zoo/unseen", "tremor")
+    zoo = find_dry_run_settings(SEED, "zoo/unseen", "tremor")
     assert str(zoo) == f"simulated with seed {SEED}, motion 2, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
-        simulated_participant(store, 0, zoo)
+        find_or_enrol_participant(store, 0, zoo)
         with pytest.raises(StudyError, match="allowed: the same seed, people and motion"):
-            simulated_participant(store, 0, DryRun(SEED))
+            find_or_enrol_participant(store, 0, DryRunSettings(SEED))
 
 
 @pytest.mark.slow
@@ -173,10 +174,17 @@ def test_zoo_partners_take_part(tmp_path: Path) -> None:
     with Store(folder) as store:
         assert [finding for finding in check_study(store) if finding.is_error] == []
         (person,) = store.participants()
-        traits = draw_participant_traits(person, find_dry_run(SEED, "zoo/unseen", "limits"))
-        assert traits.partner is not None
+        traits = draw_participant_traits(person, find_dry_run_settings(SEED, "zoo/unseen", "limits"))
+        assert traits.partner_parameters is not None
         zoo = [row for row, partner in enumerate(PARTNERS) if partner.zoo == "zoo/unseen"]
-        assert (PARTNER_PARAMETERS.of(np.array(zoo)).table() == traits.partner.table()).all(axis=1).any()
+        assert (
+            (
+                PARTNER_PARAMETERS.select_partners(np.array(zoo)).to_table()
+                == traits.partner_parameters.to_table()
+            )
+            .all(axis=1)
+            .any()
+        )
         assert 0.25 <= traits.range_share < 1.0
     refused = study("simulate", folder, *asked)
     assert refused.exit_code == 1
@@ -254,9 +262,11 @@ def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
     with Store(folder) as store:
         (person,) = store.participants()
         assert person.simulated
-        traits = draw_participant_traits(person, find_dry_run(SEED, str(tmp_path / "humans"), "none"))
-        assert traits.trained is not None
-        assert traits.trained.digest in {each.digest for each in humans}
+        traits = draw_participant_traits(
+            person, find_dry_run_settings(SEED, str(tmp_path / "humans"), "none")
+        )
+        assert traits.trained_policy is not None
+        assert traits.trained_policy.digest in {each.digest for each in humans}
         assert (traits.tremor_rad > 0.0).any(), "the impairment that the human was trained with"
     fed = make_study(tmp_path / "fed", **DESIGN | {"tasks": '["Feeding"]', "policies": '["revised"]'})
     refused = study("simulate", fed, *asked)

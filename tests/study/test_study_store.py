@@ -19,17 +19,28 @@ from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 
 from avrgym.recording.schema import Answer, Metrics
-from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.allocation import trial_orders
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion, withdraw
+from avrgym.study.people.participants import (
+    add_note,
+    enrol_participant,
+    record_consent,
+    record_inclusion,
+    withdraw,
+)
 from avrgym.study.storage import database, hash_chain, schema
-from avrgym.study.storage.answers import record_answer, record_session_answer
-from avrgym.study.storage.attempts import INCOMPLETE_ENDS, begin_attempt, complete_attempt, end_attempt
+from avrgym.study.storage.answers import record_session_answer, record_trial_answer
+from avrgym.study.storage.attempts import (
+    INCOMPLETE_END_STATES,
+    begin_attempt,
+    complete_attempt,
+    end_incomplete_attempt,
+)
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.sessions import close_session, open_session, record_session_event, skip_trial
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
 from avrgym.study.storage.store import Store
-from avrgym.system.processes import is_running
+from avrgym.system.processes import is_process_running
 from helpers.studies.small_studies import (
     METRICS,
     eligible_answers,
@@ -53,10 +64,10 @@ ITEMS = ("L1", "L2", "L3", "L4")
 @pytest.fixture(params=["sqlite", "postgresql"])
 def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The kind of database of the test."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     if request.param == "postgresql":
         server = request.getfixturevalue("postgresql")
-        monkeypatch.setenv(database.URL_VARIABLE, new_postgresql_database(server))
+        monkeypatch.setenv(database.DATABASE_URL_VARIABLE, new_postgresql_database(server))
     return request.param
 
 
@@ -68,7 +79,7 @@ def store(kind: str, tmp_path: Path) -> Iterator[Store]:
 
 def contents(store: Store) -> dict[str, list]:
     """All rows of all tables."""
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         return {
             table.name: [tuple(row) for row in connection.execute(sa.select(table))]
             for table in schema.METADATA.sorted_tables
@@ -89,7 +100,7 @@ def refused(store: Store, action: Callable[[], object], message: str) -> None:
 
 @pytest.mark.fast_cases(2)
 def test_participant_from_enrolment_to_the_last_answer(store: Store) -> None:
-    pseudonym = enrol(store, "man", age_years=24)
+    pseudonym = enrol_participant(store, "man", age_years=24)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
     session = open_session(store, pseudonym)
@@ -138,15 +149,15 @@ def test_interrupted_attempts_are_repeated_and_skipped_trials_are_last(store: St
     session = open_session(store, pseudonym)
     practice, first, *_ = store.remaining_trials(pseudonym)
     run_trial(store, session, practice)
-    for number, state in enumerate(INCOMPLETE_ENDS, start=1):
+    for number, state in enumerate(INCOMPLETE_END_STATES, start=1):
         attempt = begin_attempt(store, session.id, first.position)
         assert attempt.number == number
         record(store, attempt, first)
-        end_attempt(store, attempt.id, state, Metrics(steps=1))
+        end_incomplete_attempt(store, attempt.id, state, Metrics(steps=1))
     skip_trial(store, session.id, first.position)
     assert [trial.position for trial in store.remaining_trials(pseudonym)] == [3, 4, 5, 2]
-    assert run_trial(store, session, first).number == len(INCOMPLETE_ENDS) + 1
-    assert [a.state for a in store.attempts(pseudonym)] == ["completed", *INCOMPLETE_ENDS, "completed"]
+    assert run_trial(store, session, first).number == len(INCOMPLETE_END_STATES) + 1
+    assert [a.state for a in store.attempts(pseudonym)] == ["completed", *INCOMPLETE_END_STATES, "completed"]
     assert all(attempt.sha256 for attempt in store.attempts(pseudonym))
 
 
@@ -188,7 +199,7 @@ def test_only_defined_transitions_are_allowed(table: str) -> None:
 
 
 def test_trial_requires_consent(store: Store) -> None:
-    pseudonym = enrol(store, "woman")
+    pseudonym = enrol_participant(store, "woman")
     refused(store, lambda: open_session(store, pseudonym), "is enrolled; only allocated participants")
     answers = eligible_answers(store)
     refused(
@@ -202,7 +213,7 @@ def test_trial_requires_consent(store: Store) -> None:
 
 
 def test_excluded_participant_has_no_order(store: Store) -> None:
-    pseudonym = enrol(store, "woman")
+    pseudonym = enrol_participant(store, "woman")
     record_consent(store, pseudonym)
     refused(
         store,
@@ -236,7 +247,7 @@ def test_withdrawal_ends_attempt_and_session(store: Store) -> None:
     assert "felt sick" in [event.detail for event in store.events()]
     for action in (
         lambda: complete_attempt(store, attempt.id, METRICS),
-        lambda: record_answer(store, attempt.id, Answer("L1", 3, 1.0)),
+        lambda: record_trial_answer(store, attempt.id, Answer("L1", 3, 1.0)),
         lambda: begin_attempt(store, session.id, 1),
         lambda: open_session(store, pseudonym),
         lambda: withdraw(store, pseudonym),
@@ -262,22 +273,28 @@ def test_session_rejects_actions_out_of_order(store: Store) -> None:
     refused(store, lambda: begin_attempt(store, session.id, 2), "is running and cannot become running")
     refused(store, lambda: begin_attempt(store, session.id, 3), "is running; end it before")
     refused(
-        store, lambda: end_attempt(store, attempt.id, "completed"), "allowed: stopped, paused, interrupted"
+        store,
+        lambda: end_incomplete_attempt(store, attempt.id, "completed"),
+        "allowed: stopped, paused, interrupted",
     )
     refused(
         store,
-        lambda: record_answer(store, attempt.id, Answer("L9", 3, 1.0)),
+        lambda: record_trial_answer(store, attempt.id, Answer("L9", 3, 1.0)),
         "no item 'L9'; allowed: L1, L2, L3, L4",
     )
-    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 8, 1.0)), "integers from 1 to 7")
+    refused(
+        store, lambda: record_trial_answer(store, attempt.id, Answer("L1", 8, 1.0)), "integers from 1 to 7"
+    )
     refused(
         store,
-        lambda: record_answer(store, attempt.id, Answer("L1", 3, -1.0)),
+        lambda: record_trial_answer(store, attempt.id, Answer("L1", 3, -1.0)),
         "response time is -1.0 s; allowed",
     )
     for item in ITEMS[:3]:
-        record_answer(store, attempt.id, Answer(item, 3, 1.0))
-    refused(store, lambda: record_answer(store, attempt.id, Answer("L1", 4, 1.0)), "L1 is answered already")
+        record_trial_answer(store, attempt.id, Answer(item, 3, 1.0))
+    refused(
+        store, lambda: record_trial_answer(store, attempt.id, Answer("L1", 4, 1.0)), "L1 is answered already"
+    )
     refused(
         store, lambda: complete_attempt(store, attempt.id, METRICS), "cannot be completed: recordings/sub-001"
     )
@@ -303,7 +320,7 @@ def test_unknown_participant_is_rejected(store: Store, pseudonym: str) -> None:
 
 def test_stray_file_is_not_overwritten(store: Store) -> None:
     session = open_session(store, enrol_with_consent(store))
-    stray = store.path("recordings/sub-001/ses-01/trial-01_attempt-1.mcap")
+    stray = store.absolute_path("recordings/sub-001/ses-01/trial-01_attempt-1.mcap")
     stray.parent.mkdir(parents=True)
     stray.write_text("precious")
     attempt = begin_attempt(store, session.id, 1)
@@ -313,7 +330,7 @@ def test_stray_file_is_not_overwritten(store: Store) -> None:
 
 def test_attempt_uses_its_opened_file(store: Store, tmp_path: Path) -> None:
     session = open_session(store, enrol_with_consent(store))
-    folder = store.path(session.folder)
+    folder = store.absolute_path(session.recordings_folder)
     folder.mkdir(parents=True)
     for path in (
         folder / "missing.mcap",
@@ -327,7 +344,7 @@ def test_attempt_uses_its_opened_file(store: Store, tmp_path: Path) -> None:
     opened = folder / "trial-01_attempt-7.mcap"
     opened.write_bytes(b"")
     attempt = begin_attempt(store, session.id, 1, opened)
-    assert (attempt.number, attempt.recording) == (1, f"{session.folder}/trial-01_attempt-7.mcap")
+    assert (attempt.number, attempt.recording) == (1, f"{session.recordings_folder}/trial-01_attempt-7.mcap")
 
 
 def test_recordings_are_not_written_through_symbolic_links(store: Store, tmp_path: Path) -> None:
@@ -400,7 +417,7 @@ def test_finished_trial_is_completed_after_a_crash(store: Store) -> None:
     attempt = begin_attempt(store, session.id, first.position)
     record(store, attempt, first)
     for item in ITEMS:
-        record_answer(store, attempt.id, Answer(item, 3, 1.0))
+        record_trial_answer(store, attempt.id, Answer(item, 3, 1.0))
     session = open_session(store, pseudonym, take_over=True)
     assert [a.state for a in store.attempts(pseudonym)] == ["completed", "completed"]
     assert store.attempts(pseudonym)[1].metrics == METRICS
@@ -482,7 +499,7 @@ def test_deletion_keeps_only_a_tombstone(store: Store) -> None:
     assert [participant.pseudonym for participant in store.participants()] == ["sub-002"]
     assert (store.trials("sub-002"), store.attempts("sub-002"), store.answers("sub-002")) == kept
     assert {event.participant for event in store.events()} == {2}
-    assert [tombstone.number for tombstone in store.tombstones()] == [1]
+    assert [tombstone.number for tombstone in store.deleted_participants()] == [1]
     assert len(contents(store)["attempt"]) == len(kept[1])
     refused(store, lambda: delete_participant(store, "sub-003"), "there is no sub-003")
 
@@ -516,7 +533,7 @@ def test_parallel_stations_have_distinct_allocations(kind: str, tmp_path: Path) 
         participants = store.participants()
         filled = Counter(participant.cell for participant in participants)
         assert len(participants) == each * stations
-        assert set(filled.values()) == {each * stations // len(cell_orders(store.design))}
+        assert set(filled.values()) == {each * stations // len(trial_orders(store.design))}
         seeds = [trial.seed for p in participants for trial in store.trials(p.pseudonym)]
         assert len(set(seeds)) == len(seeds)
 
@@ -532,7 +549,7 @@ def latest_revision() -> str | None:
 def newer(tmp_path: Path) -> Path:
     """The migrations with an additional later one."""
     folder = tmp_path / "migrations"
-    shutil.copytree(database.MIGRATIONS, folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(database.MIGRATIONS_FOLDER, folder, ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "versions" / "9999_colour.py").write_text(
         "import sqlalchemy as sa\nfrom alembic import op\n"
         f"revision, down_revision = '9999_colour', '{latest_revision()}'\n"
@@ -543,7 +560,7 @@ def newer(tmp_path: Path) -> Path:
 
 @pytest.mark.fast_cases(2)
 def test_migrations_create_the_tables(store: Store) -> None:
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
 
 
@@ -553,10 +570,10 @@ def test_older_study_is_upgraded_after_a_backup(
     run_participant(store, enrol_with_consent(store), trials=2)
     before = contents(store)
     store.close()
-    monkeypatch.setattr(database, "MIGRATIONS", newer)
+    monkeypatch.setattr(database, "MIGRATIONS_FOLDER", newer)
     with Store(store.folder) as again:
         assert contents(again) == before
-        with again.database.read() as connection:
+        with again.database.read_transaction() as connection:
             columns = sa.inspect(connection).get_columns("note")
         assert "colour" in {column["name"] for column in columns}
     (backup,) = (store.folder / "backups").iterdir()
@@ -579,7 +596,7 @@ def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
     """A study of 0.2.0; on PostgreSQL, tables and rows are copied from its SQLite file."""
     folder = Path(shutil.copytree(OLD_STUDY, tmp_path / "old"))
     if kind == "postgresql":
-        url = os.environ[database.URL_VARIABLE].replace("postgresql://", "postgresql+psycopg://")
+        url = os.environ[database.DATABASE_URL_VARIABLE].replace("postgresql://", "postgresql+psycopg://")
         old, new = sa.create_engine(f"sqlite:///{folder / 'study.db'}"), sa.create_engine(url)
         with old.begin() as source, new.begin() as target:
             tables = sa.MetaData()
@@ -603,17 +620,17 @@ def study_of_0_2_0(tmp_path: Path, kind: str) -> Path:
 def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
     folder = study_of_0_2_0(tmp_path, kind)
     with Store(folder) as store:
-        assert store.database.faults() == []
+        assert store.database.find_faults() == []
         consented = [each for each in store.participants() if each.consented_at is not None]
         for participant in consented:
             (consent,) = store.consents(participant.pseudonym)
             assert (consent.at, consent.version) == (participant.consented_at, participant.consent_version)
         assert [attempt.state for attempt in store.attempts("sub-001")] == ["completed"]
         assert len(consented) == 1
-        with store.database.write() as connection:
+        with store.database.write_transaction() as connection:
             assert compare_metadata(MigrationContext.configure(connection), schema.METADATA) == []
-        enrol(store, "woman")
-        assert store.database.faults() == []
+        enrol_participant(store, "woman")
+        assert store.database.find_faults() == []
     (backup,) = (folder / "backups").iterdir()
     assert backup.name.startswith("0006_headset_check-")
 
@@ -645,11 +662,11 @@ ADDED = {
 @pytest.mark.parametrize("revision", database.UNRELEASED_REVISIONS)
 def test_study_of_a_development_version_is_upgraded(store: Store, revision: str) -> None:
     pseudonym = enrol_with_consent(store)
-    with store.database.write() as connection:
-        hash_chain.delete(connection, schema.DESIGN)
-        hash_chain.delete(connection, schema.CONSENT_TEXT)
+    with store.database.write_transaction() as connection:
+        hash_chain.delete(connection, schema.DESIGN_TABLE)
+        hash_chain.delete(connection, schema.CONSENT_TEXT_TABLE)
     before, consents = contents(store), store.consents(pseudonym)
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         for undone in itertools.takewhile(lambda each: each != revision, ADDED):
             for statement in ADDED[undone]:
                 connection.execute(sa.text(statement))
@@ -661,7 +678,7 @@ def test_study_of_a_development_version_is_upgraded(store: Store, revision: str)
         assert [(each.at, each.sha256) for each in again.consents(pseudonym)] == [
             (each.at, each.sha256) for each in consents
         ]
-        assert again.database.faults() == []
+        assert again.database.find_faults() == []
 
 
 def test_study_of_a_newer_version_is_rejected(
@@ -670,14 +687,14 @@ def test_study_of_a_newer_version_is_rejected(
     before = contents(store)
     store.close()
     with monkeypatch.context() as later:
-        later.setattr(database, "MIGRATIONS", newer)
+        later.setattr(database, "MIGRATIONS_FOLDER", newer)
         Store(store.folder).close()
     with pytest.raises(
         StudyError,
         match=r"has revision 9999_colour; allowed: 0006_headset_check, 0007_records.*Use the version of AVR Gym that",
     ):
         Store(store.folder)
-    monkeypatch.setattr(database, "MIGRATIONS", newer)
+    monkeypatch.setattr(database, "MIGRATIONS_FOLDER", newer)
     with Store(store.folder) as again:
         assert contents(again) == before
 
@@ -690,22 +707,22 @@ def test_folder_without_a_design_is_rejected(tmp_path: Path) -> None:
 
 def test_unreachable_database_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = small_study(tmp_path)
-    monkeypatch.setenv(database.URL_VARIABLE, "mysql://host/name")
+    monkeypatch.setenv(database.DATABASE_URL_VARIABLE, "mysql://host/name")
     with pytest.raises(
         StudyError, match="AVRGYM_STUDY_DATABASE is not a database URL; allowed: postgresql://"
     ):
         Store(folder)
-    monkeypatch.setenv(database.URL_VARIABLE, f"postgresql://nobody@/none?host={tmp_path}")
+    monkeypatch.setenv(database.DATABASE_URL_VARIABLE, f"postgresql://nobody@/none?host={tmp_path}")
     with pytest.raises(StudyError, match=r"the study's database: .*connection"):
         Store(folder)
-    monkeypatch.delenv(database.URL_VARIABLE)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE)
     (folder / "study.db").write_bytes(b"not a database at all" * 100)
     with pytest.raises(StudyError, match="the study's database: file is not a database"):
         Store(folder)
 
 
 def test_writes_are_flushed_to_disk(tmp_path: Path) -> None:
-    with Store(small_study(tmp_path)) as store, store.database.write() as connection:
+    with Store(small_study(tmp_path)) as store, store.database.write_transaction() as connection:
         pragmas = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
             for name in ("synchronous", "journal_mode")
@@ -715,13 +732,13 @@ def test_writes_are_flushed_to_disk(tmp_path: Path) -> None:
 
 def test_ended_process_is_not_running() -> None:
     """Also for a zombie process."""
-    assert is_running(os.getpid())
+    assert is_process_running(os.getpid())
     with subprocess.Popen([sys.executable, "-c", ""], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         process.stdout.read()
         discard_attempt = time.monotonic() + 60.0
-        while is_running(process.pid):
+        while is_process_running(process.pid):
             assert time.monotonic() < discard_attempt
             time.sleep(0.01)
         assert process.returncode is None
-    assert not is_running(process.pid)
+    assert not is_process_running(process.pid)

@@ -16,7 +16,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.recording.reader import read_recording
 from avrgym.recording.schema import Outcome
 from avrgym.study.checking.checks import check_study
-from avrgym.study.people.participants import enrol, record_consent, withdraw
+from avrgym.study.people.participants import enrol_participant, record_consent, withdraw
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage import database
 from avrgym.study.storage.states import StudyError
@@ -32,7 +32,7 @@ ITEMS = ("L1", "L2", "L3", "L4")
 @pytest.fixture
 def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
     """A study with a practice trial and two trials of 1 s."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     folder = make_study(
         tmp_path / "study",
         tasks='["Feeding"]',
@@ -46,14 +46,14 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 
 def attend(visit: StudyVisit) -> Visit:
     """Attend a visit with a short countdown."""
-    plan = replace(visit.plan(), countdown_s=0.1)
-    return Visit(Path(), plan, make=lambda send: visit.session(plan, send))
+    plan = replace(visit.plan_trials(), countdown_s=0.1)
+    return Visit(Path(), plan, make=lambda send: visit.create_session(plan, send))
 
 
 def finish_trial(attended: Visit, limit_s: float = 30.0) -> None:
     """Finish the present or next trial and answer its questions."""
-    trial, ends_s = attended.session.trial, attended.now_s + limit_s
-    while attended.session.trial == trial:
+    trial, ends_s = attended.session.trial_index, attended.now_s + limit_s
+    while attended.session.trial_index == trial:
         assert attended.now_s < ends_s, f"still in {attended.phase}; problems: {attended.problems}"
         if attended.phase == "questionnaire":
             attended.answer(2, 3, 4, 5)
@@ -97,12 +97,12 @@ def test_complete_visit_is_stored(store: Store) -> None:
     assert wrong(store) == []
     attempts = store.attempts(pseudonym)
     for trial, attempt in zip(planned, attempts, strict=True):
-        recording = read_recording(store.path(attempt.recording))
+        recording = read_recording(store.absolute_path(attempt.recording))
         run = recording.configuration
         assert (run.environment, run.policy) == (trial.environment, trial.policy)
         assert (run.seed, run.trial, run.attempt) == (trial.seed, trial.position, attempt.number)
         assert recording.outcome == Outcome(result="completed", **asdict(attempt.metrics))
-        controls = [control for _, control in recording.topics["/control"]]
+        controls = [control for _, control in recording.messages_by_topic["/control"]]
         assert attempt.metrics.reward == sum(control.reward for control in controls)
         assert len(controls) == attempt.metrics.steps == store.design.trial_steps
     given = [(answer.item, answer.value) for answer in store.answers(pseudonym)]
@@ -117,7 +117,7 @@ def test_complete_visit_is_stored(store: Store) -> None:
 
 
 def test_visit_requires_consent(store: Store) -> None:
-    pseudonym = enrol(store, "woman")
+    pseudonym = enrol_participant(store, "woman")
     for prepare in (lambda: None, lambda: record_consent(store, pseudonym)):
         prepare()
         with pytest.raises(StudyError, match="only allocated participants"):
@@ -129,7 +129,7 @@ def test_missing_policy_prevents_a_session(
     store: Store, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pseudonym = enrol_with_consent(store)
-    monkeypatch.setattr("avrgym.policies.trained.PACKAGED_FOLDER", tmp_path)
+    monkeypatch.setattr("avrgym.policies.trained.PACKAGED_POLICY_FOLDER", tmp_path)
     with pytest.raises(
         PolicyError, match=r"no policy .* for avrgym/FeedingJaco-v1; allowed: oracle, random, zero, "
     ):
@@ -149,7 +149,7 @@ def test_next_visit_continues_order_seeds_and_attempts(store: Store) -> None:
         command(attended, "stop")
         attended.leave()
     with StudyVisit(store, pseudonym) as visit:
-        plan = visit.plan()
+        plan = visit.plan_trials()
         assert [(trial.environment, trial.policy, trial.seed) for trial in plan.trials] == planned
         assert plan.first_trial == 2
         attended = attend(visit)
@@ -216,7 +216,7 @@ def test_withdrawal_stops_robot_and_recording(store: Store) -> None:
     assert states(store) == ["ended"]
     recording = read_recording(path)
     assert recording.complete
-    assert [event.name for _, event in recording.topics["/events"]][-1] == "robot_holds"
+    assert [event.name for _, event in recording.messages_by_topic["/events"]][-1] == "robot_holds"
     assert store.participant(pseudonym).state == "withdrawn"
     assert [session.state for session in store.sessions(pseudonym)] == ["closed"]
     assert "felt sick" in [event.detail for event in store.events()]
@@ -252,7 +252,7 @@ def test_withdrawal_by_another_process_stops_robot_and_recording(store: Store) -
     assert attended.problems == []
     recording = read_recording(path)
     assert recording.complete
-    assert [event.name for _, event in recording.topics["/events"]][-1] == "robot_holds"
+    assert [event.name for _, event in recording.messages_by_topic["/events"]][-1] == "robot_holds"
     assert states(store) == ["stopped"]
     assert wrong(store) == []
 
@@ -260,7 +260,7 @@ def test_withdrawal_by_another_process_stops_robot_and_recording(store: Store) -
 def test_nothing_is_stored_after_withdrawal_by_another_process(
     store: Store, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("avrgym.study.sessions.threads.CHECK_INTERVAL_S", 3600.0)
+    monkeypatch.setattr("avrgym.study.sessions.threads.SESSION_POLL_INTERVAL_S", 3600.0)
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
         attended = attend(visit)
@@ -320,7 +320,7 @@ def test_full_disk_completes_no_trial(store: Store, small_files: Callable[[int],
 def test_trial_does_not_begin_without_a_file(store: Store) -> None:
     pseudonym = enrol_with_consent(store)
     with StudyVisit(store, pseudonym) as visit:
-        blocked = store.path(visit.stored.folder)
+        blocked = store.absolute_path(visit.stored.recordings_folder)
         blocked.parent.mkdir(parents=True)
         blocked.write_text("")
         attended = attend(visit)

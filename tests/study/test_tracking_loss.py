@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, TrackingFrame
 from avrgym.study.checking.checks import check_study
 from avrgym.study.checking.tracking_loss import tracking_loss_share
-from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
 from avrgym.study.storage.store import Store
 from helpers.studies.configurations import made_recording
 from helpers.studies.known_results import STEPS, enrol_included, run_trials, write_without_figures
@@ -77,7 +77,7 @@ def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study", max_held_share="0.3")) as store:
         pseudonym = enrol_included(store)
         run_trials(store, pseudonym, held={1: 1, 2: STEPS})
-        analysis = analyse(store)
+        analysis = analyse_study(store)
         page = write_without_figures(analysis, store.folder, tmp_path / "out").read_text()
         findings = [finding for finding in check_study(store) if "held" in finding.message]
     first, second = analysis.results()["trials"]
@@ -85,8 +85,8 @@ def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     assert second["counted"] is False
     assert "held for 100.0 % of the time" in second["left_out"]
     assert "max_held_share allows 30 %" in second["left_out"]
-    assert [answer.position for answer in analysis.observed.answers if answer.counted] == [1] * 4
-    assert sum(row.trials for row in analysis.objective if row.task == "Feeding") == 1
+    assert [answer.position for answer in analysis.study_data.answers if answer.counted] == [1] * 4
+    assert sum(row.trials for row in analysis.objective_outcomes if row.task == "Feeding") == 1
     assert "Excluded from the analyses" in page
     assert f"{pseudonym}, trial 2: tracking was lost for 100.0 %" in page
     (problem,) = (each for each in analysis.results()["problems"] if "left out" in each["what"])
@@ -102,7 +102,7 @@ def test_design_without_a_limit_counts_all_trials(tmp_path: Path) -> None:
     design.write_text(design.read_text().replace("max_held_share = 0.05\n", ""))
     with Store(folder) as store:
         run_trials(store, enrol_included(store), held={1: STEPS})
-        rows = analyse(store).observed.trials
+        rows = analyse_study(store).study_data.trials
         assert not [finding for finding in check_study(store) if "held" in finding.message]
     assert all(row.counted for row in rows)
     assert rows[0].tracking_loss_share == 1.0
@@ -110,6 +110,6 @@ def test_design_without_a_limit_counts_all_trials(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("share", ["-0.1", "1.1", "nan", '"5 %"'])
 def test_share_is_between_0_and_1(share: str) -> None:
-    text = default_text().replace("max_held_share = 0.05", f"max_held_share = {share}")
+    text = default_design_text().replace("max_held_share = 0.05", f"max_held_share = {share}")
     with pytest.raises(DesignError, match="max_held_share"):
         parse_design(text)

@@ -8,7 +8,7 @@ import pytest
 
 import avrgym
 from avrgym.people import population_names
-from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.people.distributions import BASE_DISTRIBUTIONS
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks import constants
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
@@ -75,17 +75,17 @@ def test_training_imports_no_server_packages() -> None:
 
 
 def test_constants_equal_those_of_the_tasks() -> None:
-    ours = {task: TASKS[task].name for task in constants.TASKS} | {
-        robot: ROBOTS[robot].name for robot in constants.ROBOTS
+    ours = {task: TASKS[task].name for task in constants.PACKAGED_TASKS} | {
+        robot: ROBOTS[robot].name for robot in constants.PACKAGED_ROBOTS
     }
     assert all(name == of_record for name, of_record in ours.items())
     packaged = [
         each
         for each, (task, robot) in ENVIRONMENTS.items()
-        if task in constants.TASKS and robot in constants.ROBOTS
+        if task in constants.PACKAGED_TASKS and robot in constants.PACKAGED_ROBOTS
     ]
-    assert packaged == [*constants.ENVIRONMENTS]
-    assert (*DISTRIBUTIONS,) == population_names.POPULATION_NAMES
+    assert packaged == [*constants.PACKAGED_ENVIRONMENTS]
+    assert (*BASE_DISTRIBUTIONS,) == population_names.POPULATION_NAMES
 
 
 def test_people_are_at_hand_without_an_import_of_their_own() -> None:

@@ -14,7 +14,7 @@ from avrgym.learning.evaluation import evaluate, evaluate_all
 from avrgym.policies.trained import PolicyError
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage import database
-from avrgym.system.jobs import cores, report, run_all
+from avrgym.system.jobs import core_count, report_progress, starmap
 from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.studies.small_studies import make_study
 from helpers.system.killed_processes import SEED, assert_same
@@ -34,7 +34,7 @@ def twice(number: int) -> int:
     """Reports its argument and gives it doubled; refuses a negative one."""
     if number < 0:
         raise ValueError(f"{number} is negative")
-    report(number)
+    report_progress(number)
     return 2 * number
 
 
@@ -46,18 +46,18 @@ def end(number: int) -> None:
 @pytest.mark.slow
 def test_results_are_in_order_and_progress_is_reported() -> None:
     told: list[int] = []
-    assert run_all(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
+    assert starmap(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
     assert told[-1] == 10
-    assert run_all(twice, [], 2) == []
-    assert 1 <= cores() <= (os.cpu_count() or 1)
+    assert starmap(twice, [], 2) == []
+    assert 1 <= core_count() <= (os.cpu_count() or 1)
 
 
 @pytest.mark.slow
 def test_an_error_in_a_process_is_that_of_the_call() -> None:
     with pytest.raises(ValueError, match="-1 is negative"):
-        run_all(twice, [(1,), (-1,)], 2)
+        starmap(twice, [(1,), (-1,)], 2)
     with pytest.raises(RuntimeError, match="terminated abruptly"):
-        run_all(end, [(3,)], 1)
+        starmap(end, [(3,)], 1)
 
 
 def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
@@ -96,17 +96,17 @@ def test_rows_are_the_same_from_any_number_of_processes() -> None:
 @pytest.mark.parametrize("environment", [JACO, "avrgym/BedBathingPR2-v1"])
 def test_results_of_a_script_do_not_depend_on_other_processes(environment, monkeypatch) -> None:
     whole = evaluate(environment, "oracle", "participants", 3, 2)
-    monkeypatch.setattr(evaluation, "MAX_WORLDS", 2)
+    monkeypatch.setattr(evaluation, "MAX_WORLDS_PER_BATCH", 2)
     assert evaluate(environment, "oracle", "participants", 3, 2) == whole
 
 
 def test_few_episodes_need_no_other_process(monkeypatch) -> None:
-    monkeypatch.setattr(evaluation, "run_all", None)
+    monkeypatch.setattr(evaluation, "starmap", None)
     assert evaluate_all([JACO], "zero", "original", 2, 0)[0].episodes == 2
 
 
 def test_invalid_jobs_are_refused_before_processes_start(monkeypatch) -> None:
-    monkeypatch.setattr(evaluation, "run_all", None)
+    monkeypatch.setattr(evaluation, "starmap", None)
     with pytest.raises(PolicyError, match="no policy 'nope'"):
         evaluate_all([JACO, PR2], "nope", "original", 40, 0, jobs=2)
 
@@ -114,7 +114,7 @@ def test_invalid_jobs_are_refused_before_processes_start(monkeypatch) -> None:
 @pytest.mark.slow
 def test_a_dry_run_is_the_same_from_any_number_of_processes(tmp_path: Path, monkeypatch) -> None:
     """Rows, and all that the recordings hold."""
-    monkeypatch.delenv(database.URL_VARIABLE, raising=False)
+    monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
     design = {"tasks": '["ScratchItch"]', "robots": '["Jaco"]', "trial_steps": "3", "free_movement_s": "0.1"}
     one, two = (make_study(tmp_path / name, **design) for name in ("one", "two"))
     simulate_study(one, 2, SEED, jobs=1)

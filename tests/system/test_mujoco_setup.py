@@ -12,7 +12,7 @@ from avrgym.system import mujoco_setup
 @pytest.fixture
 def chosen(monkeypatch: pytest.MonkeyPatch):
     """Gives what is chosen with some libraries installed, in an environment of its own."""
-    for name in ("MUJOCO_GL", *mujoco_setup.SCREEN_VARIABLES):
+    for name in ("MUJOCO_GL", *mujoco_setup.DISPLAY_VARIABLES):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr("sys.platform", "linux")
 
@@ -39,7 +39,7 @@ def test_without_a_library_no_backend_is_chosen(chosen) -> None:
     assert chosen() is None
 
 
-@pytest.mark.parametrize("screen", mujoco_setup.SCREEN_VARIABLES)
+@pytest.mark.parametrize("screen", mujoco_setup.DISPLAY_VARIABLES)
 def test_a_screen_is_left_to_mujoco(chosen, screen: str) -> None:
     assert chosen("EGL", **{screen: ":0"}) is None
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from avrgym.system.toml_lines import Place, line_of
+from avrgym.system.toml_lines import ValuePath, line_number
 
 TEXT = '''title = "a"
 
@@ -42,5 +42,5 @@ when = [
         (("asked", 1, "when", 1), 20),
     ],
 )
-def test_a_value_begins_on_its_line(place: Place, line: int) -> None:
-    assert line_of(TEXT, place) == line
+def test_a_value_begins_on_its_line(place: ValuePath, line: int) -> None:
+    assert line_number(TEXT, place) == line

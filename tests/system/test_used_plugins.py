@@ -14,7 +14,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.policies import controllers, registry
 from avrgym.policies.trained import Policy
 from avrgym.system import plugins, used_plugins
-from avrgym.system.used_plugins import UsedPlugin, content_sha256, differences, own_version
+from avrgym.system.used_plugins import UsedPlugin, avrgym_version, content_sha256, differences
 from avrgym.tasks.registry import plugins_of
 from helpers.learning.random_networks import random_network, save_network
 from helpers.system.fake_plugins import change, register
@@ -130,9 +130,9 @@ def test_the_version_of_an_editable_installation_contains_a_hash(
     about = SimpleNamespace(version="1.2", read_text=lambda name: origin)
     monkeypatch.setattr("importlib.metadata.distribution", lambda name: about)
     monkeypatch.setattr(used_plugins, "content_sha256", lambda module: "0123456789" * 6)
-    own_version.cache_clear()
-    assert own_version() == expected
-    own_version.cache_clear()
+    avrgym_version.cache_clear()
+    assert avrgym_version() == expected
+    avrgym_version.cache_clear()
 
 
 # Policies
@@ -140,7 +140,7 @@ def test_the_version_of_an_editable_installation_contains_a_hash(
 
 @pytest.fixture
 def robot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    return register(monkeypatch, tmp_path / "lab", plugins.ROBOTS, "Jaco")
+    return register(monkeypatch, tmp_path / "lab", plugins.ROBOT_GROUP, "Jaco")
 
 
 def policy(used: tuple[UsedPlugin, ...]) -> Policy:
@@ -155,9 +155,9 @@ def test_a_policy_s_file_stores_the_plug_ins_of_its_environment(robot: Path, tmp
     assert used.entry_point == "jaco = lab_robots.robot:ROBOT"
     read = Policy.load(save_network(tmp_path / "a.safetensors", policy((used,))))
     assert read.metadata.plugins == (used,)
-    assert registry.changed_since_training(read, ENVIRONMENT) == []
+    assert registry.plugin_changes_since_training(read, ENVIRONMENT) == []
     change(robot)
-    (difference,) = registry.changed_since_training(read, ENVIRONMENT)
+    (difference,) = registry.plugin_changes_since_training(read, ENVIRONMENT)
     assert difference.startswith("robot Jaco was lab-robots 1.0 (content ")
 
 
@@ -165,7 +165,7 @@ def test_files_of_built_in_robots_are_as_they_were(tmp_path: Path) -> None:
     path = save_network(tmp_path / "a.safetensors", policy(()))
     assert b"plugins" not in Path(path).read_bytes()
     assert Policy.load(path).metadata.plugins == ()
-    assert registry.changed_since_training(Policy.load(path), ENVIRONMENT) == []
+    assert registry.plugin_changes_since_training(Policy.load(path), ENVIRONMENT) == []
 
 
 def test_evaluation_lists_differing_plugins(robot: Path, tmp_path: Path) -> None:
@@ -204,11 +204,11 @@ def test_evaluation_lists_differing_plugins(robot: Path, tmp_path: Path) -> None
 
 def test_a_controller_s_code_is_stored_and_a_network_s_file_is_none(folder: Path) -> None:
     write(folder / "still.py", "class Still:\n    def reset(self, *a): ...\n    def act(self, o): ...\n")
-    found = controllers.find_python("still:Still")
+    found = controllers.import_python_controller("still:Still")
     assert found.plugin is not None
     assert (found.plugin.label, found.plugin.sha256) == ("controller still:Still", content("still"))
     assert registry.plugins_used(ENVIRONMENT, found) == (found.plugin,)
-    assert registry.plugins_used(ENVIRONMENT, registry.Script("oracle")) == ()
+    assert registry.plugins_used(ENVIRONMENT, registry.ScriptedPolicy("oracle")) == ()
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 from avrgym.robots.registry import ROBOTS
 from avrgym.skeletons.writing import write_skeleton
-from avrgym.tasks.constants import TASKS
+from avrgym.tasks.constants import PACKAGED_TASKS
 from helpers.system.example_package import environment_variables, train_and_study
 from helpers.system.paths import ROOT
 
@@ -76,7 +76,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
     listed = _avrgym(installed, "envs", "--json", "envs.json")
     assert listed.returncode == 0, listed.stderr
     rows = json.loads((installed / "envs.json").read_text())
-    assert [row["env"] for row in rows if row["task"] not in TASKS] == [
+    assert [row["env"] for row in rows if row["task"] not in PACKAGED_TASKS] == [
         f"avrgym/TouchElbow{robot}-v1" for robot in ROBOTS
     ]
     said = " ".join(listed.stdout.split())

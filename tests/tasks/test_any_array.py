@@ -16,10 +16,10 @@ from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_WIDTH_M, ARMREST_TOP_M
 from avrgym.models.human import GEOMS, JOINTS, RECLINED, SEATED, People
-from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.models.scene import MAX_TOOL_CONTACTS
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.clinical_impairments import sample_motor_signs
-from avrgym.people.distributions import DISTRIBUTIONS
+from avrgym.people.distributions import BASE_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
@@ -47,7 +47,7 @@ def crowded_state(
     rng: np.random.Generator, joints: int, particles: int, vertices: int = 0, *, drives: bool = False
 ) -> State:
     """Worlds in which all that matters is within centimetres, and some of it touches."""
-    touching = rng.random((WORLDS, TOOL_CONTACTS)) < 0.5
+    touching = rng.random((WORLDS, MAX_TOOL_CONTACTS)) < 0.5
     forces = {name: rng.uniform(0.0, 30.0, WORLDS) for name in ("robot", "tool", "total", "links", "cloth")}
     velocity = {name: rng.normal(size=(WORLDS, 3)) for name in ("effector", "tool")}
     fallen = np.where(rng.random((WORLDS, particles, 1)) < 0.3, [0.0, 0.0, 1.0], 0.0)
@@ -72,8 +72,8 @@ def crowded_state(
         person_radius_m=rng.uniform(0.002, 0.04, (WORLDS, len(GEOMS))),
         right_arm_pos_w=around(rng, 3),
         right_arm_q_w=rotations(rng, 3),
-        tool_contact_pos_w=around(rng, TOOL_CONTACTS, spread=0.05),
-        tool_contact_normal_w=transforms.normalize(rng.normal(size=(WORLDS, TOOL_CONTACTS, 3))),
+        tool_contact_pos_w=around(rng, MAX_TOOL_CONTACTS, spread=0.05),
+        tool_contact_normal_w=transforms.normalize(rng.normal(size=(WORLDS, MAX_TOOL_CONTACTS, 3))),
         tool_contact_force_n=np.where(touching, rng.uniform(0.0, 8.0, touching.shape), 0.0),
         **{f"{name}_force_n": force for name, force in forces.items()},
         **{f"{name}_velocity_w": each for name, each in velocity.items()},
@@ -83,7 +83,7 @@ def crowded_state(
 
 
 def people_from(uniforms: Any, distribution: str, impairment: str, task: str) -> People:
-    population, usual = DISTRIBUTIONS[distribution], TASKS[task]
+    population, usual = BASE_DISTRIBUTIONS[distribution], TASKS[task]
     of_people, of_mind, of_impairment = np.cumsum(
         [distributions.NUM_UNIFORMS, cooperation.NUM_UNIFORMS, impairments.NUM_UNIFORMS]
     ).tolist()
@@ -108,7 +108,7 @@ def step(environment: str, state: Any, action: Any, task_state: Any) -> tuple[An
     result = task.evaluate_step(state, action, task_state)
     seen = task.observation(task.scene(find_robot(robot)))
     detour = () if task.detour_m is None else (task.detour_m(state, result.task_state),)
-    return result, task.reward(result.terms), seen.of(state, result.task_state), *detour
+    return result, task.reward(result.terms), seen.compute(state, result.task_state), *detour
 
 
 @pytest.fixture(params=ENVIRONMENTS)
@@ -128,7 +128,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
         rng.random((WORLDS, task.num_uniforms)),
     )
     if task.marks is not None:
-        spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=TOOL_CONTACTS)]
+        spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=MAX_TOOL_CONTACTS)]
         state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
     if name == "ArmManipulation":
         corner = [RESTING_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M]
@@ -167,19 +167,19 @@ def behaviour_models(
 ) -> list[Any]:
     """Where people want their joints in each of some control steps."""
     offered, posture = TASKS[task].offered, RECLINED if task == "BedBathing" else SEATED
-    model = BehaviourModel(DISTRIBUTIONS[distribution], who, offered, posture, human_actions=steered)
+    model = BehaviourModel(BASE_DISTRIBUTIONS[distribution], who, offered, posture, human_actions=steered)
     model.reset(np.arange(WORLDS), who, uniforms)
     joints = cooperation.OFFERED_JOINTS[offered]
 
     def possible(angles: Any) -> Any:
-        return shoulder_limits.clip(impairments.clip_to_ranges(who, angles))
+        return shoulder_limits.clip_shoulders(impairments.clip_to_ranges(who, angles))
 
     def targets(sight: Any) -> Any:
         if steered:
             model.move_targets(joints, uniforms[:, :1] + 0.0 * who.tremor_rad[:, : len(joints)], possible)
             return model.step(lambda: sight, who, possible)
-        model.choose_goals(lambda: sight, possible)
-        return model.next_targets(possible, 10)
+        model.choose_goal_angles(lambda: sight, possible)
+        return model.next_joint_targets(possible, 10)
 
     return [targets(sight) for sight in sights]
 
@@ -187,7 +187,7 @@ def behaviour_models(
 @pytest.mark.fast_cases(12)
 @pytest.mark.parametrize(
     ("distribution", "impairment", "steered"),
-    [(*kind, False) for kind in product(DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],
+    [(*kind, False) for kind in product(BASE_DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],
 )
 @pytest.mark.parametrize("task", TASKS)
 def test_people_behave_equally_on_tensors(

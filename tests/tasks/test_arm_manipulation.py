@@ -9,10 +9,10 @@ from numpy.testing import assert_allclose
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_WIDTH_M, ARMREST_TOP_M
-from avrgym.simulation.worlds import RightArm
+from avrgym.simulation.worlds import RightArmPoses
 from avrgym.tasks.arm_manipulation import reward
-from avrgym.tasks.arm_manipulation.expert import cradling_q_w
-from avrgym.tasks.arm_manipulation.reward import RESTING_M, RESTING_X_M, SUCCESS_STEPS
+from avrgym.tasks.arm_manipulation.expert import scooper_q_w
+from avrgym.tasks.arm_manipulation.reward import RESTING_FOREARM_HEIGHT_M, RESTING_X_M, SUCCESS_STEPS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
@@ -21,17 +21,17 @@ from avrgym.tasks.task import joint_strength_shares
 TASK = TASKS["ArmManipulation"]
 LENGTH_M = 0.28
 OUTER_EDGE_M = RESTING_X_M - ARMREST_HALF_WIDTH_M
-TOP_M = ARMREST_TOP_M + RESTING_M
+TOP_M = ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M
 
 
-def arm(elbow_w, direction_w) -> RightArm:
+def arm(elbow_w, direction_w) -> RightArmPoses:
     """An arm whose forearm points from the elbow in a direction."""
     elbow, way = np.array([elbow_w], float), transforms.normalize(np.array([direction_w], float))
     across = np.array([[1.0, 0.0, 0.0]]) if abs(way[0, 2]) == 1.0 else np.cross(way, [0.0, 0.0, 1.0])
     across = transforms.normalize(across)
     q_w = transforms.from_matrix(np.stack([across, np.cross(-way, across), -way], axis=-1))
     pos_w = np.stack([elbow, elbow, elbow + LENGTH_M * way], axis=1)
-    return RightArm(pos_w, np.tile(q_w[:, None], (1, 3, 1)))
+    return RightArmPoses(pos_w, np.tile(q_w[:, None], (1, 3, 1)))
 
 
 def reset_episodes(robot: str, count: int) -> Episodes:
@@ -59,10 +59,10 @@ def test_the_part_of_the_forearm_above_the_armrest_counts(elbow_w, direction_w, 
 @pytest.mark.parametrize("direction_w", [(0.0, -1.0, 0.0), (-0.5, -0.7, -0.5), (0.0, 0.0, -1.0)])
 def test_the_scooper_faces_the_forearm_from_below(direction_w):
     lying = arm((RESTING_X_M, 0.0, TOP_M), direction_w)
-    up_w = reward.upwards_w(lying)
+    up_w = reward.forearm_up_direction_w(lying)
     assert_allclose(up_w @ transforms.normalize(np.array(direction_w)), 0.0, atol=1e-9)
     assert up_w[0, 2] >= -1e-9
-    q_w = cradling_q_w(lying, np.array([1.0, 0.0, 0.0]))
+    q_w = scooper_q_w(lying, np.array([1.0, 0.0, 0.0]))
     assert_allclose(transforms.rotate(q_w, [0.0, 0.0, 1.0]), up_w, atol=1e-9)
 
 
@@ -87,7 +87,7 @@ def test_only_the_right_arm_is_limp():
     assert (shares[~limp] == 1.0).all()
     model = episodes.simulation.batch.get_model(0)
     ranges = [model.actuator(human.PREFIX + name).forcerange[1] for name in human.JOINTS]
-    assert_allclose(ranges, shares * human.TORQUE_N_M)
+    assert_allclose(ranges, shares * human.JOINT_TORQUE_LIMITS_N_M)
 
 
 @pytest.mark.parametrize("share", [0.0, 1.5, {"right_elbow": 0.1}, {"right_elbow_x": 0.0}])

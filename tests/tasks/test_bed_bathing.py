@@ -18,7 +18,7 @@ from avrgym.tasks.bed_bathing import reward as bed_bathing
 from avrgym.tasks.bed_bathing.expert import BedBathingExpert
 from avrgym.tasks.bed_bathing.reward import BedBathingState
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.person import LIMBS
+from avrgym.tasks.person import RIGHT_ARM_LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
 from helpers.simulation.worlds import resting_state
@@ -43,7 +43,7 @@ def state(contacts: dict[tuple[float, float, float], float] | None = None, **cha
     for slot, (place, newtons) in enumerate((contacts or {}).items()):
         contact_pos[0, slot], contact_force[0, slot] = place, newtons
     segments, radii = np.tile(FAR_AWAY + 5.0 * UP, (20, 2, 1)), np.full(20, 0.1)
-    upper_arm, forearm = bed_bathing.LIMB_GEOMS
+    upper_arm, forearm = bed_bathing.LIMB_GEOM_INDICES
     segments[upper_arm] = SHOULDER - UPPER_ARM_M * BACK, SHOULDER
     segments[forearm] = ELBOW - FOREARM_M * BACK, ELBOW
     radii[[upper_arm, forearm]] = UPPER_ARM_RADIUS_M, FOREARM_RADIUS_M
@@ -81,7 +81,7 @@ def on_top_of_upper_arm(along_m: float, above_m: float = 0.0) -> tuple[float, fl
 
 
 def fresh(*persons: Person) -> BedBathingState:
-    who = People.of(persons or [MAN])
+    who = People.from_persons(persons or [MAN])
     return TASK.init_state(who, np.zeros((len(who.is_woman), TASK.num_uniforms)))
 
 
@@ -130,8 +130,8 @@ def test_every_allowed_person_has_room_for_all_markers():
     """The next ring or the next marker around would not fit into what is there."""
     for sex in human.SEXES:
         task_state = fresh(Person(sex, human.TORSO_HEIGHT_RANGE_M[1]))
-        size = human.layout(np.array([sex == "woman"]), np.array([0.75]), RECLINED).geom_size
-        for limb, name in enumerate(LIMBS):
+        size = human.body_layout(np.array([sex == "woman"]), np.array([0.75]), RECLINED).geom_size
+        for limb, name in enumerate(RIGHT_ARM_LIMBS):
             radius, half_length = size[name][0, 0], size[name][0, 1]
             expected = int(2.0 * half_length / 0.03) * int(2.0 * np.pi * radius / 0.03)
             assert task_state.exists[0, limb].sum() == expected
@@ -393,7 +393,7 @@ def test_the_observation_has_the_documented_order():
         [FAR_AWAY - torso, tool_q[0], np.arange(7.0), SHOULDER - torso, ELBOW - torso, WRIST - torso, [9.0]]
     )
     observation = TASK.observation(TASK.scene(JACO))
-    assert_allclose(observation.of(seen, fresh()), expected[None])
+    assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert observation.size == len(expected) == 24
     assert [entry.size for entry in observation.entries] == [3, 4, 7, 3, 3, 3, 1]
 
@@ -428,7 +428,7 @@ def test_episodes_begin_with_the_cloth_beside_the_arm(robot):
     face = transforms.rotate(seen.tool_q_w, [1.0, 0.0, 0.0])
     assert_allclose(face, np.tile([np.sqrt(0.5), 0.0, -np.sqrt(0.5)], (16, 1)), atol=0.06)
     assert (seen.robot_force_n == 0.0).all()
-    assert (bed_bathing.cloth_distance(seen) > 0.02).all()
+    assert (bed_bathing.cloth_distance_m(seen) > 0.02).all()
 
 
 def test_the_nightstand_goes_with_the_robot(rng):

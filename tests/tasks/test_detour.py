@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_M, around_arm_m, around_limb_m
-from avrgym.tasks.scratch_itch.expert import ROD
+from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_M, limb_detour_m, tool_and_hand_detour_m
+from avrgym.tasks.scratch_itch.expert import ROD_DIRECTION
 from avrgym.tasks.scratch_itch.feedback_expert import hand_rotation_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
 from helpers.simulation.worlds import resting_state
@@ -19,7 +19,7 @@ LIMB_Q_W = transforms.normalize(np.array([0.4, -0.2, 0.7, 0.5]))
 
 def detour_m(tool: np.ndarray, itch: np.ndarray) -> np.ndarray:
     """Of tools (N, 3) to itches (N, 3) in the frame of the limb."""
-    return around_limb_m(*seen_with(tool, itch))
+    return limb_detour_m(*seen_with(tool, itch))
 
 
 def seen_with(tool: np.ndarray, itch: np.ndarray, **changes: np.ndarray) -> tuple[State, ScratchItchState]:
@@ -103,11 +103,13 @@ def test_the_hand_has_a_way_to_go_until_it_is_where_it_has_room(places, rng):
     tool, itch = places
     tool_q_w = transforms.normalize(rng.normal(size=(500, 4)))
     out_w = transforms.rotate(LIMB_Q_W, itch * [1.0, 1.0, 0.0] / RADIUS_M)
-    turn = hand_rotation_rad(transforms.rotate(tool_q_w, ROD), out_w)
-    hand_m = around_arm_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
+    turn = hand_rotation_rad(transforms.rotate(tool_q_w, ROD_DIRECTION), out_w)
+    hand_m = tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
     assert_allclose(hand_m, TIP_TO_HAND_M * np.linalg.norm(turn, axis=-1))
     there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_q_w)
-    assert_allclose(around_arm_m(*seen_with(tool, itch, tool_q_w=there_q_w)), detour_m(tool, itch), atol=1e-8)
+    assert_allclose(
+        tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=there_q_w)), detour_m(tool, itch), atol=1e-8
+    )
 
 
 def _angle(place: np.ndarray) -> np.ndarray:

@@ -7,14 +7,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import human
-from avrgym.models.sleeve import GOWN, RINGS, VERTICES_PER_RING
+from avrgym.models.sleeve import GOWN, RING_COUNT, VERTICES_PER_RING
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
     ARM_POINTS,
+    DRESSED_SHOULDER_DISTANCE_M,
     FOREARM_GEOM,
     HAND_GEOM,
-    SHOULDER_REACH_M,
     UPPER_ARM_GEOM,
     arm_path,
     evaluate_step,
@@ -41,14 +41,14 @@ def state(opening_w: np.ndarray, turn: int = 1) -> State:
     segments[0, HAND_GEOM] = HAND
     segments[0, FOREARM_GEOM] = WRIST, ELBOW
     segments[0, UPPER_ARM_GEOM] = ELBOW, SHOULDER
-    cloth = np.tile(opening_w + RIM[::turn], (RINGS, 1))[None]
+    cloth = np.tile(opening_w + RIM[::turn], (RING_COUNT, 1))[None]
     return resting_state(person_segment_w=segments, cloth_pos_w=cloth, tool_pos_w=opening_w[None])
 
 
 def dressed_m(opening_w: np.ndarray) -> float:
     seen = state(opening_w)
     opening = locate_opening(seen, arm_path(seen))
-    return float(opening.along_m[0]) if opening.around[0] else 0.0
+    return float(opening.path_distance_m[0]) if opening.is_around_arm[0] else 0.0
 
 
 @pytest.mark.parametrize("turn", [1, -1])
@@ -74,7 +74,7 @@ def test_nothing_is_dressed_before_the_hand() -> None:
 def test_each_place_counts_once_and_success_stays() -> None:
     task_state = init_state(TASK_PEOPLE, np.zeros((1, TASK.num_uniforms)))
     events, newly = [], 0.0
-    ways = (-0.05, 0.0, 0.11, 0.2, 0.36, 0.65 - SHOULDER_REACH_M + 0.01, 0.2, -0.05)
+    ways = (-0.05, 0.0, 0.11, 0.2, 0.36, 0.65 - DRESSED_SHOULDER_DISTANCE_M + 0.01, 0.2, -0.05)
     for way in ways:
         result = evaluate_step(state(HAND + np.array([0.0, way, 0.0])), STILL, task_state)
         task_state = result.task_state
@@ -83,10 +83,10 @@ def test_each_place_counts_once_and_success_stays() -> None:
     assert events == [0, 0, 1, 0, 1, 1, 0, 0]
     assert sum(events) == len(ARM_POINTS)
     assert result.success.all()
-    assert_allclose(newly, 0.65 - SHOULDER_REACH_M + 0.01)
+    assert_allclose(newly, 0.65 - DRESSED_SHOULDER_DISTANCE_M + 0.01)
 
 
-TASK_PEOPLE = human.People.of([human.Person(joint_angles_rad=TASK.pose.rest_rad)])
+TASK_PEOPLE = human.People.from_persons([human.Person(joint_angles_rad=TASK.pose.rest_rad)])
 
 
 # The sleeve
@@ -133,7 +133,7 @@ def test_experts_dress_the_whole_arm_gently(robot: str, people: str) -> None:
     assert step.success.mean() >= 0.8
     assert strongest < COMFORTABLE_N
     state = episodes.state()
-    for ring in range(1, RINGS):
+    for ring in range(1, RING_COUNT):
         assert ring_is_around_arm(state, ring)[step.success].all(), ring
 
 
@@ -142,11 +142,11 @@ def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
         arm_path(state),
         state.cloth_pos_w[:, ring * VERTICES_PER_RING : (ring + 1) * VERTICES_PER_RING],
     )
-    ahead = ((rim.mean(axis=1)[:, None] - path.start_w) * path.along_w).sum(axis=-1)
+    ahead = ((rim.mean(axis=1)[:, None] - path.section_start_w) * path.section_direction_w).sum(axis=-1)
     inside = np.clip(ahead, 0.0, path.length_m)
-    foot = path.start_w + inside[..., None] * path.along_w
+    foot = path.section_start_w + inside[..., None] * path.section_direction_w
     row, section = np.arange(len(rim)), np.linalg.norm(rim.mean(axis=1)[:, None] - foot, axis=-1).argmin(-1)
-    return is_around(rim, foot[row, section], path.along_w[row, section])
+    return is_around(rim, foot[row, section], path.section_direction_w[row, section])
 
 
 def test_forces_of_the_cloth_are_those_of_all_less_those_of_the_robot() -> None:

@@ -5,14 +5,14 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
-from avrgym.models.cup import CUP_SHAPE, WATER
+from avrgym.models.cup import DEFAULT_CUP_SHAPE, WATER
 from avrgym.models.human import Person
-from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.models.scene import MAX_TOOL_CONTACTS
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking.reward import DrinkingState
-from avrgym.tasks.drinking.task import CUP_Q_W
+from avrgym.tasks.drinking.task import CUP_START_Q_W
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.task import StepResult
@@ -22,7 +22,7 @@ DRINKING = TASKS["Drinking"]
 LEFT, BACK, UP = np.eye(3)
 MOUTH = np.array([0.0, -0.1, 1.2])
 EDGE = np.array([-0.1, -0.4, 1.1])  # where the cup's pouring edge is, which faces left
-CUP_MIDDLE = EDGE + CUP_SHAPE.axis_x_m * LEFT - 0.5 * CUP_SHAPE.height_m * UP
+CUP_MIDDLE = EDGE + DEFAULT_CUP_SHAPE.axis_x_m * LEFT - 0.5 * DEFAULT_CUP_SHAPE.height_m * UP
 IN_THE_AIR = np.array([-0.4, -0.2, 1.15])
 FALLEN = np.array([-0.4, -0.2, 0.9])
 ON_FLOOR = np.array([-0.8, 0.5, 0.005])
@@ -221,7 +221,7 @@ def test_action_speed_and_force_terms():
 )
 def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, places):
     """Nothing below, the whole force from there on; what the links press with is another term."""
-    forces = np.zeros((1, TOOL_CONTACTS))
+    forces = np.zeros((1, MAX_TOOL_CONTACTS))
     forces[0, :places] = newtons / places
     result = evaluated(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
     assert term(result, "strong_tool_force_n") == pytest.approx(strong)
@@ -294,7 +294,7 @@ def test_the_observation_has_the_documented_order():
         [EDGE - torso, tool_q[0], EDGE - MOUTH, np.arange(7.0), seen.head_pos_w[0] - torso, head_q[0], [9.0]]
     )
     observation = DRINKING.observation(DRINKING.scene(JACO))
-    assert_allclose(observation.of(seen, fresh()), expected[None])
+    assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
 
 
@@ -306,9 +306,11 @@ def test_water_begins_inside_the_cup_without_overlap():
     apart = np.linalg.norm(WATER.initial_pos[:, None] - WATER.initial_pos, axis=-1)[~np.eye(64, dtype=bool)]
     assert apart.min() >= 2.0 * WATER.radius_m
     for x, y, z in WATER.initial_pos:
-        assert np.hypot(x - CUP_SHAPE.axis_x_m, y) + WATER.radius_m < CUP_SHAPE.inner_radius_m(z)
-        assert -CUP_SHAPE.height_m < z - WATER.radius_m < 0.0
-    assert (CUP_SHAPE.rim_radius_m, CUP_SHAPE.height_m) == (0.047, 0.125)
+        assert np.hypot(
+            x - DEFAULT_CUP_SHAPE.axis_x_m, y
+        ) + WATER.radius_m < DEFAULT_CUP_SHAPE.inner_radius_m(z)
+        assert -DEFAULT_CUP_SHAPE.height_m < z - WATER.radius_m < 0.0
+    assert (DEFAULT_CUP_SHAPE.rim_radius_m, DEFAULT_CUP_SHAPE.height_m) == (0.047, 0.125)
 
 
 def reset_episodes(count: int, robot: str = "Jaco") -> Episodes:
@@ -332,7 +334,8 @@ def test_water_stays_in_a_cup_that_is_carried_fast():
         result = episodes.step(np.tile(action, (4, 1)))
         assert (in_cup_frame(episodes)[..., 2] < -0.02).all()
         assert (
-            np.abs(in_cup_frame(episodes)[..., :2] - [CUP_SHAPE.axis_x_m, 0.0]).max() < CUP_SHAPE.rim_radius_m
+            np.abs(in_cup_frame(episodes)[..., :2] - [DEFAULT_CUP_SHAPE.axis_x_m, 0.0]).max()
+            < DEFAULT_CUP_SHAPE.rim_radius_m
         )
         assert not result.reward_terms["water_spilled"].any()
 
@@ -374,8 +377,8 @@ def test_episodes_begin_before_the_person_with_an_upright_cup(robot):
     offset = hand - [-0.2, -0.5, 1.0]
     assert np.abs(offset).max() <= 0.05 + 0.01
     assert np.abs(offset).max(axis=0).min() > 0.04
-    assert_allclose(transforms.angle_between(seen.tool_q_w, CUP_Q_W), 0.0, atol=0.05)
-    assert_allclose(transforms.rotate(CUP_Q_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
+    assert_allclose(transforms.angle_between(seen.tool_q_w, CUP_START_Q_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(CUP_START_Q_W, [1.0, 0.0, 0.0]), BACK, atol=1e-12)
 
 
 @pytest.mark.slow

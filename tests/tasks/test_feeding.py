@@ -7,13 +7,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.models.furniture import BOWL_BODY
 from avrgym.models.human import Person
-from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.models.scene import MAX_TOOL_CONTACTS
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.feeding.reward import FeedingState
-from avrgym.tasks.feeding.task import SPOON_Q_W
+from avrgym.tasks.feeding.task import SPOON_START_Q_W
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.task import StepResult
 from helpers.simulation.worlds import resting_state
@@ -173,7 +173,7 @@ def test_action_speed_and_force_terms():
 )
 def test_the_tool_presses_strongly_from_ten_newtons_in_all(newtons, strong, places):
     """Nothing below, the whole force from there on; what the links press with is another term."""
-    forces = np.zeros((1, TOOL_CONTACTS))
+    forces = np.zeros((1, MAX_TOOL_CONTACTS))
     forces[0, :places] = newtons / places
     result = evaluated(state(tool_contact_force_n=forces, links_force_n=np.array([30.0])))
     assert term(result, "strong_tool_force_n") == pytest.approx(strong)
@@ -244,7 +244,7 @@ def test_the_observation_has_the_documented_order():
         [SPOON - base, tool_q[0], SPOON - MOUTH, np.arange(7.0), seen.head_pos_w[0] - base, head_q[0], [9.0]]
     )
     observation = FEEDING.observation(FEEDING.scene(JACO))
-    assert_allclose(observation.of(seen, fresh()), expected[None])
+    assert_allclose(observation.compute(seen, fresh()), expected[None])
     assert observation.size == len(expected) == 25
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 7, 3, 4, 1]
 
@@ -262,8 +262,8 @@ def test_episodes_begin_above_the_bowl_with_a_level_spoon():
     hand = seen.tool_pos_w + transforms.rotate(seen.tool_q_w, episodes.scene.tool.grip_pos)
     from_bowl = hand - seen.placed_pos_w[BOWL_BODY] - [0.0, -0.1, 0.4]
     assert np.abs(from_bowl).max() <= 0.05 + 0.01
-    assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_Q_W), 0.0, atol=0.05)
-    assert_allclose(transforms.rotate(SPOON_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
+    assert_allclose(transforms.angle_between(seen.tool_q_w, SPOON_START_Q_W), 0.0, atol=0.05)
+    assert_allclose(transforms.rotate(SPOON_START_Q_W, [1.0, 0.0, 0.0]), [0.0, 1.0, 0.0], atol=1e-12)
 
 
 def test_a_start_says_where_the_bowl_is(rng, feeding_scene):

@@ -8,17 +8,17 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.drinking import expert, memory_expert
 from avrgym.tasks.drinking.memory_expert import (
-    EXPECTED_FACE_RAD,
+    EXPECTED_RETURN_ANGLE_RAD,
     POUR_SPEED_RAD_S,
     POUR_START_DISTANCE_M,
     SPILL_MARGIN_RAD,
-    MemoryExpert,
+    DrinkingMemoryExpert,
 )
 from avrgym.tasks.drinking.reward import in_cup
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.feedback import FeedbackPlanner
 from avrgym.tasks.experts.filtered import filter_tremor
-from avrgym.tasks.experts.head_clearance import face_direction
+from avrgym.tasks.experts.head_clearance import direction_into_face
 
 YES, NO = np.array([True]), np.array([False])
 
@@ -59,7 +59,7 @@ def test_the_expected_angle_falls_as_the_face_turns_away():
     expected = memory_expert._expected_rad(turn)
     assert (np.diff(expected) <= 0.0).all()
     assert (expected < turn).all()
-    assert_allclose(expected[-1], EXPECTED_FACE_RAD)
+    assert_allclose(expected[-1], EXPECTED_RETURN_ANGLE_RAD)
     assert_allclose(memory_expert._expected_rad(-turn), -expected)
 
 
@@ -98,11 +98,11 @@ def test_a_cup_stays_on_its_side_of_the_face_where_that_is_near_the_lips(state):
 def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
     """To a tenth of a millimetre: its distance from the head is that of 24 points of its rim, which turn with it."""
     tilt = np.full(24, 1.4)
-    left = -transforms.cross(expert.UP, face_direction(state))
+    left = -transforms.cross(expert.UP, direction_into_face(state))
 
     def brought(left_m: float) -> tuple[np.ndarray, np.ndarray]:
         way = memory_expert._way(np.full(24, left_m))
-        pos_w, q_w = expert.at_mouth(state, way, tilt)
+        pos_w, q_w = expert.cup_pose_at_mouth(state, way, tilt)
         return pos_w, expert._edge_w(pos_w, q_w, way)
 
     straight_w, pours_at_w = brought(0.0)
@@ -119,7 +119,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
     planner, state, tilt = FeedbackPlanner(episodes), episodes.state(), np.full(24, np.radians(88.0))
 
     def reached(left_m: float) -> np.ndarray:
-        pos_w, q_w = expert.at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
+        pos_w, q_w = expert.cup_pose_at_mouth(state, memory_expert._way(np.full(24, left_m)), tilt)
         _, cost_s = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
@@ -130,11 +130,11 @@ def test_a_turned_cup_comes_to_everybody(robot):
 def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
     """Revised people turn the head by up to 30°, and stay so."""
     episodes, away = reset_episodes("Jaco", "revised", 24), []
-    bring = MemoryExpert._bring
+    bring = DrinkingMemoryExpert._bring
     monkeypatch.setattr(
-        MemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
+        DrinkingMemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
-    controller = MemoryExpert(episodes)
+    controller = DrinkingMemoryExpert(episodes)
     assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.LOOK_AWAY_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
@@ -145,14 +145,14 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
 def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     """The cup moves with the mouth, so to three degrees; the last particles stick to no rule."""
     episodes = reset_episodes("Jaco", "original", 4)
-    controller, differences_rad = MemoryExpert(episodes), []
+    controller, differences_rad = DrinkingMemoryExpert(episodes), []
     for _ in range(EPISODE_STEPS):
         before = in_cup(episodes.state()).sum(axis=1)
         episodes.step(controller(episodes.observe()))
         state = episodes.state()
         left = (in_cup(state).sum(axis=1) < before) & (before > 5)
         expected = memory_expert.POUR_TILT_RAD - memory_expert.TILT_PER_PARTICLE_RAD * before
-        differences_rad.extend((expert.carried_tilt_rad(state.tool_q_w) - expected)[left])
+        differences_rad.extend((expert.clipped_cup_tilt_rad(state.tool_q_w) - expected)[left])
     assert len(differences_rad) > 40
     assert np.abs(differences_rad).max() < np.radians(3.0)
 

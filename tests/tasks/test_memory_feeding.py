@@ -10,7 +10,7 @@ from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.feeding.memory_expert import (
     MAX_STANDOFF_M,
     REST_SPEED_M_S,
-    MemoryExpert,
+    FeedingMemoryExpert,
     standoff_from_mouth_m,
 )
 from avrgym.tasks.task import Expert
@@ -31,7 +31,7 @@ def test_the_standoff_grows_with_the_mouth_speed():
 
 @pytest.mark.slow
 def test_resting_people_are_fed_like_the_feedback_expert():
-    assert_matches_feedback_expert(MemoryExpert, reset_episodes(FEEDING, WORLDS), 30)
+    assert_matches_feedback_expert(FeedingMemoryExpert, reset_episodes(FEEDING, WORLDS), 30)
 
 
 def fed(expert: Expert) -> tuple[float, float]:

@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import transforms
 from avrgym.models.scene import CONTROL_STEP_S
-from avrgym.simulation.worlds import MAX_LEAD_RAD
+from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.feeding.expert import FeedingExpert
@@ -92,16 +92,18 @@ def test_servo_targets_stay_near_a_blocked_arm(start):
         planner.action_to_pose(target, q_w, 0.2, 0.5)
     ahead = np.abs(planner.joint_positions - start.simulation.state().joint_positions).max()
     one_step = start.scene.arm.speed_limit.max() * CONTROL_STEP_S
-    assert 0.05 < ahead <= MAX_LEAD_RAD + one_step + 1e-9
+    assert 0.05 < ahead <= MAX_SERVO_LEAD_RAD + one_step + 1e-9
 
 
 def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = reset_episodes()
     planner = MotionPlanner(episodes)
     target = planner.joint_positions + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
-    target = planner.joint_positions_at(planner.pose(target)[0], planner.q_w, target)
+    target = planner.solve_joint_positions(planner.tool_pose(target)[0], planner.q_w, target)
     for _ in range(40):
-        episodes.step(planner.action_to_joint_positions(planner.joint_step(target, 0.3, np.radians(10.0))))
+        episodes.step(
+            planner.action_to_joint_positions(planner.step_in_joint_space(target, 0.3, np.radians(10.0)))
+        )
         z_w = transforms.rotate(planner.q_w, [0.0, 0.0, 1.0])
         assert np.degrees(np.arccos(z_w[:, 2])).max() < 11.0
     assert_allclose(episodes.simulation.state().joint_positions, target, atol=0.01)
@@ -111,7 +113,7 @@ def test_found_angles_have_the_pose(start):
     planner = MotionPlanner(start)
     pos_w, q_w = nearby(planner, (0.05, 0.05, 0.05), -0.3)
     angles, cost = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
-    found_pos, found_q = planner.pose(angles[:, 0])
+    found_pos, found_q = planner.tool_pose(angles[:, 0])
     assert np.isfinite(cost).all()
     assert np.linalg.norm(found_pos - pos_w, axis=-1).max() < 0.003
     assert transforms.angle_between(found_q, q_w).max() < 0.03

@@ -7,7 +7,7 @@ from numpy.testing import assert_array_equal
 from avrgym.geometry import transforms
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.rehearsal import MARGIN_M, Rehearsal
+from avrgym.tasks.rehearsal import CLEARANCE_MARGIN_M, GoalPathCost
 
 CROWDED_WORLDS = [7, 15, 29]
 """People in contact with the Panda's links at the base with the highest isotropy."""
@@ -23,7 +23,7 @@ def cost_m(episodes: Episodes, goal_w: np.ndarray) -> np.ndarray:
     """Cost (N,) of moving the tools from their present poses to points (N, 3) without a turn."""
     state, chain = episodes.state(), placement.planning_chain(episodes.scene)
     q_w = state.tool_q_w
-    rehearsal = Rehearsal(
+    rehearsal = GoalPathCost(
         episodes.scene, chain, episodes.people, state.tool_pos_w, q_w, goal_w[:, None], q_w[:, None]
     )
     base_w, base_q_w = episodes.simulation.initial_base_pose()
@@ -35,8 +35,8 @@ def test_a_path_through_the_person_or_out_of_reach_costs_more() -> None:
     episodes = reset_episodes("Panda", [0, 1])
     state = episodes.state()
     chest_w = state.person_segment_w[:, 2].mean(axis=1)
-    assert (cost_m(episodes, state.tool_pos_w) < MARGIN_M).all()
-    assert (cost_m(episodes, chest_w) > 2.0 * MARGIN_M).all()
+    assert (cost_m(episodes, state.tool_pos_w) < CLEARANCE_MARGIN_M).all()
+    assert (cost_m(episodes, chest_w) > 2.0 * CLEARANCE_MARGIN_M).all()
     assert (cost_m(episodes, state.tool_pos_w + np.array([0.0, 0.0, 2.0])) > 0.5).all()
 
 

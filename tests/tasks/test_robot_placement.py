@@ -17,8 +17,12 @@ from avrgym.models.robot import Robot
 from avrgym.robots import registry as robots
 from avrgym.robots.jaco.robot import JACO
 from avrgym.study.checking.preflight import check_initial_states as check_study_starts
-from avrgym.study.people.participants import enrol
-from avrgym.study.sessions.simulation import find_dry_run, simulate_participant, simulated_participant
+from avrgym.study.people.participants import enrol_participant
+from avrgym.study.sessions.simulation import (
+    find_dry_run_settings,
+    find_or_enrol_participant,
+    simulate_participant,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks import episodes, placement_check, registry, task_check
@@ -62,7 +66,7 @@ def crowded(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def refused(monkeypatch: pytest.MonkeyPatch) -> None:
     offset_mount(monkeypatch, *REFUSED_M)
-    monkeypatch.setattr(episodes, "MAX_START_DRAWS", FEW_DRAWS)
+    monkeypatch.setattr(episodes, "MAX_START_SAMPLES", FEW_DRAWS)
 
 
 @pytest.fixture
@@ -74,9 +78,11 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
     drawn = check_starts(environment)
-    print(f"{environment}: {drawn.mean:.2f} draws a start with random people, {drawn.maximum} at most")
-    assert drawn.mean <= 1.25
-    assert all(each.maximum == 1 for _, each in draws_by_body(environment))
+    print(
+        f"{environment}: {drawn.mean_draws:.2f} draws a start with random people, {drawn.max_draws} at most"
+    )
+    assert drawn.mean_draws <= 1.25
+    assert all(each.max_draws == 1 for _, each in draws_by_body(environment))
 
 
 @pytest.mark.slow
@@ -88,7 +94,7 @@ def test_example_robots_pass_the_placement_check(robot: Robot, monkeypatch: pyte
         monkeypatch.setitem(registry._REGISTRY.environments, environment, (task, robot.name))
     drawn = placement_check.check_placement(robot.name)
     assert len(drawn) == 4
-    print({environment: (each.mean, each.maximum) for environment, each in drawn.items()})
+    print({environment: (each.mean_draws, each.max_draws) for environment, each in drawn.items()})
 
 
 def test_a_robot_in_the_table_fails_its_check_and_that_of_the_task(
@@ -162,10 +168,10 @@ def test_a_study_of_ours_has_room(folder: Path) -> None:
 def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
     refused: None, folder: Path
 ) -> None:
-    cast = find_dry_run(0, "participants", "none")
+    cast = find_dry_run_settings(0, "participants", "none")
     with Store(folder) as store:
-        pseudonym = simulated_participant(store, 0, cast)
-        assert enrol(store, "woman") != pseudonym
+        pseudonym = find_or_enrol_participant(store, 0, cast)
+        assert enrol_participant(store, "woman") != pseudonym
     words = (
         rf"{pseudonym} ses-01 cannot start: {ENVIRONMENT}: none of .* inside the table; `avrgym study check`"
     )

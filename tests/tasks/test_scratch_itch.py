@@ -18,7 +18,7 @@ from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.person import LIMBS
+from avrgym.tasks.person import RIGHT_ARM_LIMBS
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.scratch_itch.reward import ITCH_ANGLE_RANGE_RAD, ITCH_POSITION_RANGE, ScratchItchState
 from avrgym.tasks.task import StepResult
@@ -188,7 +188,7 @@ def test_the_observation_has_the_documented_order():
         [tool - torso, tool_q[0], tool - ITCH_W, ITCH_W - torso, np.arange(7.0), *joints, [9.0]]
     )
     observation = SCRATCHING.observation(SCRATCHING.scene(JACO))
-    assert_allclose(observation.of(seen, itching()), expected[None], atol=1e-12)
+    assert_allclose(observation.compute(seen, itching()), expected[None], atol=1e-12)
     assert observation.size == len(expected) == 30
     assert [entry.size for entry in observation.entries] == [3, 4, 3, 3, 7, 3, 3, 3, 1]
 
@@ -209,13 +209,15 @@ def itches() -> tuple[People, ScratchItchState]:
     return who, SCRATCHING.init_state(who, uniforms)
 
 
-@pytest.mark.parametrize("limb", range(len(LIMBS)))
+@pytest.mark.parametrize("limb", range(len(RIGHT_ARM_LIMBS)))
 def test_it_itches_on_the_skin_of_either_limb(itches, limb):
     """On its cylinder, between the shares of its length and as far around as documented, evenly."""
     who, task_state = itches
     spots = task_state.itch[task_state.limb == limb]
     assert len(spots) == pytest.approx(2000, abs=150)
-    radius, half_length, _ = human.layout(who.is_woman, who.torso_height_m).geom_size[LIMBS[limb]][0]
+    radius, half_length, _ = human.body_layout(who.is_woman, who.torso_height_m).geom_size[
+        RIGHT_ARM_LIMBS[limb]
+    ][0]
     assert_allclose(np.hypot(spots[:, 0], spots[:, 1]), radius)
     along = -spots[:, 2] / (2.0 * half_length)
     around = np.arctan2(spots[:, 1], -spots[:, 0]) / ITCH_ANGLE_RANGE_RAD[limb]
@@ -247,10 +249,10 @@ def test_episodes_begin_with_the_hand_beside_the_arm(episodes):
 
 def test_people_spread_their_right_arm(episodes):
     who = episodes.people
-    from_pose = np.degrees(who.joint_angles_rad - human.joint_angles(right_shoulder_y=30.0))
+    from_pose = np.degrees(who.joint_angles_rad - human.seated_joint_angles(right_shoulder_y=30.0))
     arm = np.array([name.startswith("right_") for name in human.JOINTS])
     assert 5.0 < np.abs(from_pose[:, arm]).max() < 10.0
-    assert_array_equal(from_pose[:, ~arm & ~distributions.WAIST], 0.0)
+    assert_array_equal(from_pose[:, ~arm & ~distributions.WAIST_JOINT_MASK], 0.0)
 
 
 # The scratcher

@@ -10,14 +10,20 @@ import pytest
 
 from avrgym.models.collision_bits import FURNITURE
 from avrgym.models.human import BODIES, PREFIX, Person
-from avrgym.models.scene import CONTROL_STEP_S, SUBSTEPS
+from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
 from avrgym.policies import registry
 from avrgym.policies.trained import PolicyError
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.system import random_streams
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS, task_and_scene
-from avrgym.tasks.settings import CONTROL_RATES_HZ, DEFAULTS, Settings, as_settings, parse_settings
+from avrgym.tasks.settings import (
+    CONTROL_RATES_HZ,
+    DEFAULT_SETTINGS,
+    Settings,
+    parse_settings,
+    settings_from_values,
+)
 
 FEEDING = "avrgym/FeedingJaco-v1"
 CHANGED: Mapping[str, Any] = {
@@ -61,20 +67,20 @@ def test_every_setting_has_an_example() -> None:
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_settings_survive_storage(name: str) -> None:
-    settings = as_settings({name: CHANGED[name]})
-    assert settings != DEFAULTS
+    settings = settings_from_values({name: CHANGED[name]})
+    assert settings != DEFAULT_SETTINGS
     assert msgspec.json.decode(msgspec.json.encode(settings), type=Settings) == settings
-    assert as_settings(settings.changed) == settings
+    assert settings_from_values(settings.changed_values) == settings
 
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_an_impossible_setting_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match=f"{name}|unknown size of spoon|unknown robot 'R2D2'"):
-        task_and_scene(FEEDING, as_settings({name: IMPOSSIBLE[name]}))
+        task_and_scene(FEEDING, settings_from_values({name: IMPOSSIBLE[name]}))
 
 
 def test_defaults_are_stored_as_nothing() -> None:
-    assert msgspec.json.encode(DEFAULTS) == b"{}"
+    assert msgspec.json.encode(DEFAULT_SETTINGS) == b"{}"
 
 
 @pytest.mark.parametrize(
@@ -114,7 +120,7 @@ def test_people_and_robot_move_alike_at_every_rate(people: str) -> None:
         episodes = begun(control_hz, people=people, impairment="tremor")
         for _ in range(round(seconds * control_hz)):
             episodes.step(np.full((1, episodes.action_size), 0.1))
-        states[control_hz] = episodes.simulation.person_angles_rad()[0]
+        states[control_hz] = episodes.simulation.person_joint_angles_rad()[0]
     for control_hz in CONTROL_RATES_HZ:
         np.testing.assert_array_equal(states[control_hz], states[10], f"{control_hz} Hz")
 
@@ -133,7 +139,7 @@ def test_people_of_a_world_do_not_depend_on_other_worlds() -> None:
         together.step(np.repeat(action, 2, axis=0))
         alone.step(action)
     np.testing.assert_array_equal(
-        together.simulation.person_angles_rad()[1], alone.simulation.person_angles_rad()[0]
+        together.simulation.person_joint_angles_rad()[1], alone.simulation.person_joint_angles_rad()[0]
     )
 
 
@@ -143,7 +149,7 @@ def test_ticks_and_whole_steps_give_the_same_bits(control_hz: int) -> None:
     source = Constant(np.full((1, whole.action_size), 0.2))
     for _ in range(3):
         whole.step(source.action)
-        steps = [ticked.loop.tick(source) for _ in range(ticked.scene.substeps)]
+        steps = [ticked.control_loop.tick(source) for _ in range(ticked.scene.substeps)]
         assert [step is None for step in steps] == [True] * (len(steps) - 1) + [False]
         assert (
             whole.simulation.integration_state().tobytes() == ticked.simulation.integration_state().tobytes()
@@ -157,14 +163,14 @@ def test_people_that_act_once_a_control_step_refuse_other_rates() -> None:
 
 def test_packaged_policies_refuse_settings_of_no_training() -> None:
     with pytest.raises(PolicyError, match="trained with default settings, not with control_hz=20"):
-        registry.find("revised", FEEDING, Settings(control_hz=20))
-    assert registry.find("revised", FEEDING, Settings(control_hz=20), allow_other_settings=True)
-    assert registry.find("oracle", FEEDING, Settings(control_hz=20))
+        registry.resolve_policy("revised", FEEDING, Settings(control_hz=20))
+    assert registry.resolve_policy("revised", FEEDING, Settings(control_hz=20), allow_other_settings=True)
+    assert registry.resolve_policy("oracle", FEEDING, Settings(control_hz=20))
 
 
 def test_the_default_control_step_is_that_of_people() -> None:
-    assert DEFAULTS.control_step_s == CONTROL_STEP_S
-    assert begun(10).scene.substeps == SUBSTEPS
+    assert DEFAULT_SETTINGS.control_step_s == CONTROL_STEP_S
+    assert begun(10).scene.substeps == DEFAULT_SUBSTEPS
 
 
 TOOLS = [
@@ -207,7 +213,7 @@ def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particle
 )
 def test_a_tool_that_a_task_does_not_have_is_refused(task: str, values: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValueError, match=problem):
-        task_and_scene(f"avrgym/{task}Jaco-v1", as_settings(values))
+        task_and_scene(f"avrgym/{task}Jaco-v1", settings_from_values(values))
 
 
 @pytest.mark.parametrize("task", TASKS)
@@ -261,7 +267,7 @@ def test_drawn_people_have_the_heights_and_ranges_of_the_settings() -> None:
     assert (episodes.people.range_share == 0.6).all()
     for name in ("torso_height_m", "range_share"):
         with pytest.raises(ValueError, match=f"the setting {name} is not possible with a fixed person"):
-            Episodes(FEEDING, 1, person=Person(), settings=as_settings({name: CHANGED[name]}))
+            Episodes(FEEDING, 1, person=Person(), settings=settings_from_values({name: CHANGED[name]}))
 
 
 @pytest.mark.parametrize("people", ["original", "participants"])

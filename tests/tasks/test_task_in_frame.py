@@ -9,13 +9,13 @@ from avrgym.geometry import kinematics, transforms
 from avrgym.learning.evaluation import evaluate
 from avrgym.models import human
 from avrgym.models.human import BODIES
-from avrgym.models.task_frame import TaskFrame, X, opposite
+from avrgym.models.task_frame import X_AXIS_INDEX, TaskFrame, opposite_side_name
 from avrgym.people.distributions import repeat_person
 from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene
-from avrgym.tasks.settings import Settings, as_settings
+from avrgym.tasks.settings import Settings, settings_from_values
 from avrgym.tasks.task_in_frame import state_in_frame
 
 OTHER = {"left": "right", "right": "left"}
@@ -35,16 +35,18 @@ def begun(environment: str, settings: Settings, worlds: int = 2) -> Episodes:
 
 
 def test_a_mirrored_person_has_mirrored_bodies() -> None:
-    angles = np.random.default_rng(0).uniform(0.5 * human.LOWER_RAD, 0.5 * human.UPPER_RAD)
+    angles = np.random.default_rng(0).uniform(0.5 * human.LOWER_LIMITS_RAD, 0.5 * human.UPPER_LIMITS_RAD)
     people = repeat_person(human.Person(joint_angles_rad=angles), 1)
-    mirrored = MIRROR.people(people)
+    mirrored = MIRROR.transform_people(people)
     pos_w, q_w = human.body_frames(people)
     other_pos_w, other_q_w = human.body_frames(mirrored)
     for body in BODIES:
-        np.testing.assert_allclose(other_pos_w[opposite(body)], MIRROR.points(pos_w[body]), atol=1e-12)
-        there = MIRROR.rotations(q_w[body], X)
-        assert transforms.angle_between(other_q_w[opposite(body)], there).max() < 1e-6
-    np.testing.assert_array_equal(MIRROR.people(mirrored).joint_angles_rad, angles[None])
+        np.testing.assert_allclose(
+            other_pos_w[opposite_side_name(body)], MIRROR.transform_points(pos_w[body]), atol=1e-12
+        )
+        there = MIRROR.transform_rotations(q_w[body], X_AXIS_INDEX)
+        assert transforms.angle_between(other_q_w[opposite_side_name(body)], there).max() < 1e-6
+    np.testing.assert_array_equal(MIRROR.transform_people(mirrored).joint_angles_rad, angles[None])
 
 
 @pytest.mark.parametrize("environment", SERVED)
@@ -68,8 +70,8 @@ def test_the_other_arm_is_served_from_its_side(environment: str) -> None:
     default, mirrored = begun(environment, usual), begun(environment, other)
     assert mirrored.task.served_arm == other.served_arm
     assert str(other.served_arm) in mirrored.task.goal
-    if (default.start_draws == mirrored.start_draws).all():
-        expected = MIRROR.joint_angles(default.people.joint_angles_rad)
+    if (default.start_samples == mirrored.start_samples).all():
+        expected = MIRROR.transform_joint_angles(default.people.joint_angles_rad)
         np.testing.assert_array_equal(mirrored.people.joint_angles_rad, expected)
     sides = [np.sign(each.simulation.state().tool_pos_w[:, 0]) for each in (default, mirrored)]
     np.testing.assert_array_equal(sides[0], -sides[1])
@@ -93,11 +95,11 @@ def test_the_person_rises_with_the_furniture(
     environment: str, name: str, value: float, rise_m: float
 ) -> None:
     """Only the person and the things on seat or bed rise; the task sees the person at the usual height."""
-    default, raised = begun(environment, Settings()), begun(environment, as_settings({name: value}))
+    default, raised = begun(environment, Settings()), begun(environment, settings_from_values({name: value}))
     head_w, raised_w = (each.simulation.state().head_pos_w for each in (default, raised))
-    if (default.start_draws == raised.start_draws).all():
+    if (default.start_samples == raised.start_samples).all():
         np.testing.assert_allclose(raised_w - head_w, [[0.0, 0.0, rise_m]] * 2, atol=1e-9)
-    frame = raised.scene.in_task_frame.frame
+    frame = raised.scene.in_task_frame.task_frame
     seen = state_in_frame(raised.simulation.state(), frame, 1)
     np.testing.assert_allclose(seen.head_pos_w, raised_w - [0.0, 0.0, rise_m], atol=1e-9)
     on_seat = not default.scene.mount.on_floor and default.scene.posture.seated

@@ -9,14 +9,14 @@ import pytest
 
 from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
-    CHOOSE_BY,
-    ENGLISH,
+    CHOOSE_NAME_PREFIX,
+    ENGLISH_TEXTS,
     PAGE_SUFFIX,
-    PROFILE_INPUTS,
-    SELECT_BY,
+    PROFILE_SELECT_INPUTS,
+    SELECT_NAME_PREFIX,
     TEXTS_FOLDER,
-    Text,
-    TextsError,
+    InvalidTextsError,
+    ParticipantText,
     included_languages,
     normalize_whitespace,
     read_texts,
@@ -30,15 +30,15 @@ ALIKE = {"anchor", "one_after_another", "seconds"}
 """What has no words."""
 IN_VR_ALONE = ("wrong_height", "reach_")
 """Prefixes of the keys of texts that only participants with a headset receive."""
-INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze", *PROFILE_INPUTS}
-NAMES = (SELECT_BY, CHOOSE_BY)
+INPUTS = {"trigger", "button", "touchpad", "pinch", "tap", "gaze", *PROFILE_SELECT_INPUTS}
+NAMES = (SELECT_NAME_PREFIX, CHOOSE_NAME_PREFIX)
 SELECTS = re.compile(r"trigger|pinch|Abzug|Zeigefinger", re.IGNORECASE)
 CONTROLLER = re.compile(r"\{select\}|trigger|menu|\bA, B|Abzug|Menü", re.IGNORECASE)
 
 
 def whole_file(direction: str = "rtl") -> str:
     """All texts in a language of our own: the English ones from behind, but for what stands in braces."""
-    tables = {"session": ENGLISH.session, "page": ENGLISH.page}
+    tables = {"session": ENGLISH_TEXTS.session, "page": ENGLISH_TEXTS.page}
     lines = [f'name = "Hsilgne"\ndirection = "{direction}"']
     for table, texts in tables.items():
         turned = {key: "".join(reversed(re.findall(r"\{\w+\}|.", text))) for key, text in texts.items()}
@@ -57,7 +57,7 @@ def test_every_language_is_complete(language: str) -> None:
     texts = read_texts(language)
     assert set(SKIN_TONES) <= set(texts.page)
     for table in ("session", "page"):
-        english, found = getattr(ENGLISH, table), getattr(texts, table)
+        english, found = getattr(ENGLISH_TEXTS, table), getattr(texts, table)
         assert list(found) == list(english)
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
@@ -71,30 +71,32 @@ def test_every_language_is_complete(language: str) -> None:
 def test_texts_mention_only_the_participants_input(language: str) -> None:
     """Each kind of input has its own words, in VR and in what is put into other words."""
     texts = read_texts(language)
-    kinds = [key.removeprefix(SELECT_BY) for key in texts.session if key.startswith(SELECT_BY)]
+    kinds = [
+        key.removeprefix(SELECT_NAME_PREFIX) for key in texts.session if key.startswith(SELECT_NAME_PREFIX)
+    ]
     assert set(kinds) == INPUTS
     values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
     for key, text in texts.session.items():
         if "{select}" not in text.lower() or key.endswith(PAGE_SUFFIX):
             assert key.startswith(NAMES) or not SELECTS.search(text), key
             continue
-        said = Text("more_faults", {"faults": Text(key, values), "more": "1"})
+        said = ParticipantText("more_faults", {"faults": ParticipantText(key, values), "more": "1"})
         by_input = texts.render_by_input(said)
         assert set(by_input) == INPUTS - {"trigger"}
         assert len({texts.render(said), *by_input.values()}) == len(INPUTS)
         for kind, told in by_input.items():
-            words = texts.session[SELECT_BY + kind]
+            words = texts.session[SELECT_NAME_PREFIX + kind]
             assert words[1:] in told
-            assert texts.session[f"{SELECT_BY}trigger"][1:] not in told
+            assert texts.session[f"{SELECT_NAME_PREFIX}trigger"][1:] not in told
 
 
 def test_a_language_of_an_earlier_version_has_one_way_to_select(tmp_path: Path) -> None:
     lines = whole_file().replace("{select}", "reggirt").replace("{Select}", "reggirT").splitlines()
     old = "\n".join(line for line in lines if not line.startswith(NAMES)).replace("{choose}", "esoohc")
     texts = read_texts("xx", own(tmp_path, "xx", old))
-    assert "reggirT" in texts.render(Text("ready", {"trial": "1", "goal": ""}))
-    assert texts.render_by_input(Text("ready", {"trial": "1", "goal": ""})) == {}
-    with pytest.raises(TextsError, match="lacks select_by_trigger"):
+    assert "reggirT" in texts.render(ParticipantText("ready", {"trial": "1", "goal": ""}))
+    assert texts.render_by_input(ParticipantText("ready", {"trial": "1", "goal": ""})) == {}
+    with pytest.raises(InvalidTextsError, match="lacks select_by_trigger"):
         read_texts("yy", own(tmp_path, "yy", old.replace("reggirt", "{select}")))
 
 
@@ -102,7 +104,7 @@ def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_pa
     visit = Visit(tmp_path, plan())
     visit.go_to("calibration")
     assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
-    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    visit.session.send_initial_state(visit.inbox.append, "participant", 0.0)
     assert "Then pinch" in visit.received(Phase)[-1].texts_by_input["pinch"]
     visit.tracking = False
     visit.tick(100)
@@ -114,9 +116,9 @@ def test_the_participant_hears_of_their_input_wherever_they_are_spoken_to(tmp_pa
 def test_a_study_brings_a_language_written_from_right_to_left(tmp_path: Path) -> None:
     texts = read_texts("ar-EG", own(tmp_path, "ar-EG", whole_file()))
     assert (texts.direction, texts.name) == ("rtl", "Hsilgne")
-    assert texts.render(Text("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
+    assert texts.render(ParticipantText("trial", {"trial": "2", "trials": "8"})) == "8 fo 2 lairT"
     visit = Visit(tmp_path, replace(plan(), texts=texts))
-    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    visit.session.send_initial_state(visit.inbox.append, "participant", 0.0)
     told = visit.received(Language)[-1]
     assert (told.language, told.direction, told.texts["stop"]) == ("ar-EG", "rtl", "tobor eht potS")
     visit.leave()
@@ -127,7 +129,7 @@ def test_a_study_changes_single_texts_of_a_language(tmp_path: Path) -> None:
     texts = read_texts("de", folder)
     assert (texts.page["enter"], texts.page["leave"]) == ("Los", GERMAN.page["leave"])
     assert texts.translate(" a b ") == "c"
-    assert texts.untranslated(["a b", "d", "d", " "]) == ["d"]
+    assert texts.untranslated_sentences(["a b", "d", "d", " "]) == ["d"]
     assert normalize_whitespace("a\n  b ") == "a b"
 
 
@@ -152,7 +154,7 @@ def test_texts_that_cannot_be_are_refused_in_one_line(
     tmp_path: Path, language: str, text: str | None, words: str
 ) -> None:
     folder = tmp_path if text is None else own(tmp_path, language, text)
-    with pytest.raises(TextsError, match=re.escape(words)) as refused:
+    with pytest.raises(InvalidTextsError, match=re.escape(words)) as refused:
         read_texts(language, folder)
     assert "\n" not in str(refused.value)
 
@@ -166,12 +168,12 @@ def test_a_session_uses_one_language(tmp_path: Path) -> None:
     german = {text.split("{")[0] for text in GERMAN.session.values() if text.split("{")[0]}
     for texts in said:
         assert all(any(text.startswith(begin) for begin in german) for text in texts)
-    assert said[-1] == (GERMAN.render(Text("stopped")), GERMAN.session["stopped_page"])
+    assert said[-1] == (GERMAN.render(ParticipantText("stopped")), GERMAN.session["stopped_page"])
     problem = visit.received(Problem)[-1]
     assert (problem.message, problem.role) == (GERMAN.session["nothing_to_begin"], "participant")
     assert "Essen Sie das Essen vom Löffel." in said[-4][0]
     assert visit.recordings()[0].configuration.language == "de"
-    moved = Text("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
+    moved = ParticipantText("head_moved", {"moved_cm": "3.4", "most_cm": "2"})
     assert "3,4 cm" in GERMAN.render(moved)
     visit.leave()
 

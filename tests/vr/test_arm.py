@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from avrgym.geometry import transforms
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, Person
+from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, Person
 from avrgym.vr.tracking.arm import (
     ARM_JOINTS,
     ArmLengths,
@@ -19,9 +19,9 @@ from avrgym.vr.tracking.arm import (
 PERSON = Person("woman", 0.54)
 LENGTHS = ArmLengths.from_person(PERSON)
 JOINTS = [JOINT_INDEX[f"right_{part}"] for part in ARM_JOINTS]
-LOWER, UPPER = LOWER_RAD[JOINTS], UPPER_RAD[JOINTS]
+LOWER, UPPER = LOWER_LIMITS_RAD[JOINTS], UPPER_LIMITS_RAD[JOINTS]
 RELAXED = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
-REACH_M = LENGTHS.upper_m + LENGTHS.fore_m
+REACH_M = LENGTHS.upper_arm_m + LENGTHS.forearm_m
 
 Hand = tuple[np.ndarray, np.ndarray]
 """Place (3,) and axes (3, 3) as columns, in the shoulder's frame."""
@@ -32,13 +32,13 @@ def upper_arm(angles: np.ndarray) -> np.ndarray:
 
 
 def elbow_of(angles: np.ndarray) -> np.ndarray:
-    return -LENGTHS.upper_m * upper_arm(angles)[:, 2]
+    return -LENGTHS.upper_arm_m * upper_arm(angles)[:, 2]
 
 
 def hand_of(angles: np.ndarray) -> Hand:
     forearm = upper_arm(angles) @ Rotation.from_euler("XZ", angles[3:5]).as_matrix()
     hand = forearm @ Rotation.from_euler("XY", angles[5:]).as_matrix()
-    return elbow_of(angles) - LENGTHS.fore_m * forearm[:, 2] - LENGTHS.hand_m * hand[:, 2], hand
+    return elbow_of(angles) - LENGTHS.forearm_m * forearm[:, 2] - LENGTHS.hand_m * hand[:, 2], hand
 
 
 def error(angles: np.ndarray, hand: Hand) -> tuple[float, float]:

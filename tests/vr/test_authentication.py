@@ -74,7 +74,7 @@ def opened(
     """A socket that has said hello."""
     url = f"ws://127.0.0.1:{server.port}{path}"
     with connect(url, origin=cast(Origin, origin), max_size=None) as socket:
-        tell(socket, Hello(messages.PROTOCOL, token, "test", emulated=True))
+        tell(socket, Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True))
         yield socket
 
 
@@ -319,8 +319,8 @@ def test_the_local_network_requires_tls(tmp_path: Path) -> None:
             assert page.status == 200
         with pytest.raises(httpx.HTTPError):
             httpx.get(f"http://localhost:{server.port}/")
-        assert server.url.startswith("https://localhost:")
-        assert [url.split("/")[2] for url in server.urls()] == [
+        assert server.participant_url.startswith("https://localhost:")
+        assert [url.split("/")[2] for url in server.page_urls()] == [
             f"localhost:{server.port}", f"lab:{server.port}"
         ]  # fmt: skip
 

@@ -10,12 +10,12 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.human import (
     JOINTS,
-    LOWER_RAD,
+    LOWER_LIMITS_RAD,
     RECLINED,
     SEATED,
-    SEATED_RAD,
+    SEATED_POSE_RAD,
     SEXES,
-    UPPER_RAD,
+    UPPER_LIMITS_RAD,
     Person,
     Posture,
 )
@@ -85,9 +85,9 @@ def resting(person: Person, posture: Posture) -> Pose:
 
 
 def working_poses(rng: np.random.Generator, count: int) -> list[np.ndarray]:
-    poses = SEATED_RAD + WORKING_RAD * rng.uniform(-1, 1, (count, len(JOINTS)))
+    poses = SEATED_POSE_RAD + WORKING_RAD * rng.uniform(-1, 1, (count, len(JOINTS)))
     poses[:, list(JOINTS).index("waist_z")] = 0.0
-    return list(np.clip(poses, LOWER_RAD, UPPER_RAD))
+    return list(np.clip(poses, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD))
 
 
 @pytest.mark.parametrize("sex", SEXES)
@@ -107,7 +107,7 @@ def test_head_and_hands_come_to_where_they_are(
     skeleton, solver = Skeleton(person, posture), BodySolver(person, posture)
     for wanted_rad in working_poses(rng, 6):
         wanted = skeleton.pose(wanted_rad)
-        angles = SEATED_RAD
+        angles = SEATED_POSE_RAD
         for _ in range(CONVERGED_FRAMES):
             angles = solver.solve(wanted, angles)
         reached = skeleton.pose(angles)
@@ -123,8 +123,8 @@ def test_the_head_follows_leans_along_the_arc_of_a_rigid_torso() -> None:
     skeleton, solver = Skeleton(person), BodySolver(person)
     for forward_deg in (-25.0, 10.0, 30.0):
         for sideways_deg in (-25.0, 0.0, 25.0):
-            wanted = skeleton.pose(human.joint_angles(waist_x=forward_deg, waist_y=sideways_deg))
-            reached = skeleton.pose(solver.solve(wanted, SEATED_RAD))
+            wanted = skeleton.pose(human.seated_joint_angles(waist_x=forward_deg, waist_y=sideways_deg))
+            reached = skeleton.pose(solver.solve(wanted, SEATED_POSE_RAD))
             assert distance(reached.head, wanted.head) < 1e-6
 
 
@@ -134,7 +134,7 @@ WAIST_TO_HEAD_M = 0.54 - 0.075
 
 
 def head_error_m(head: Pose) -> float:
-    angles = BodySolver(WOMAN).solve(BodyPose(head, None, None), SEATED_RAD)
+    angles = BodySolver(WOMAN).solve(BodyPose(head, None, None), SEATED_POSE_RAD)
     return distance(Skeleton(WOMAN).pose(angles).head, head)
 
 
@@ -172,7 +172,7 @@ def test_the_head_keeps_its_direction_where_the_waist_cannot_follow(posture: Pos
         for yaw in (-0.5, 0.0, 0.5):
             turned = transforms.multiply(rest.q_w, transforms.from_axis_angle(human.Z_AXIS, np.asarray(yaw)))
             head = Pose(rest.pos_w + np.array([sideways_m, 0.0, -0.05]), turned)
-            angles = BodySolver(WOMAN, posture).solve(BodyPose(head, None, None), SEATED_RAD)
+            angles = BodySolver(WOMAN, posture).solve(BodyPose(head, None, None), SEATED_POSE_RAD)
             assert angles[1] == pytest.approx(np.sign(sideways_m) * np.radians(30.0))
             assert turn_deg(skeleton.pose(angles).head, head) < 0.01
 
@@ -214,7 +214,7 @@ def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
 def test_no_frame_makes_a_joint_of_an_arm_jump(rng: np.random.Generator) -> None:
     person = Person("woman", 0.54)
     skeleton, solver = Skeleton(person), BodySolver(person)
-    angles = SEATED_RAD
+    angles = SEATED_POSE_RAD
     for wanted_rad in working_poses(rng, 10):
         before = angles
         angles = solver.solve(skeleton.pose(wanted_rad), before)
@@ -228,7 +228,7 @@ def both_arms(**degrees: float) -> np.ndarray:
         if name.startswith("right_"):
             sign = 1.0 if name.endswith("x") else -1.0
             pose[name.replace("right", "left")] = sign * degrees[name]
-    return human.joint_angles(**pose)
+    return human.seated_joint_angles(**pose)
 
 
 JOURNEY = (
@@ -278,24 +278,24 @@ def test_left_and_right_mirror_each_other(rng: np.random.Generator) -> None:
         assert wanted.left is not None
         assert wanted.right is not None
         reflected = BodyPose(mirrored(wanted.head), mirrored(wanted.right), mirrored(wanted.left))
-        angles, other = solver.solve(wanted, SEATED_RAD), solver.solve(reflected, SEATED_RAD)
+        angles, other = solver.solve(wanted, SEATED_POSE_RAD), solver.solve(reflected, SEATED_POSE_RAD)
         np.testing.assert_allclose(other, (angles * MIRROR)[LEFT_RIGHT], atol=1e-9)
 
 
 def test_a_hand_that_is_not_tracked_stays() -> None:
     person = Person("woman", 0.54)
-    wanted = Skeleton(person).pose(human.joint_angles(right_elbow_x=-60.0, left_elbow_x=-60.0))
-    angles = BodySolver(person).solve(BodyPose(wanted.head, None, wanted.right), SEATED_RAD)
+    wanted = Skeleton(person).pose(human.seated_joint_angles(right_elbow_x=-60.0, left_elbow_x=-60.0))
+    angles = BodySolver(person).solve(BodyPose(wanted.head, None, wanted.right), SEATED_POSE_RAD)
     left = [i for i, name in enumerate(JOINTS) if name.startswith("left_")]
-    np.testing.assert_array_equal(angles[left], SEATED_RAD[left])
-    assert not np.array_equal(angles, SEATED_RAD)
+    np.testing.assert_array_equal(angles[left], SEATED_POSE_RAD[left])
+    assert not np.array_equal(angles, SEATED_POSE_RAD)
 
 
 def test_angles_stay_within_their_ranges_whatever_is_asked(rng: np.random.Generator) -> None:
-    solver, angles = BodySolver(Person()), SEATED_RAD
+    solver, angles = BodySolver(Person()), SEATED_POSE_RAD
     for _ in range(30):
         poses = [Pose(rng.uniform(-2, 2, 3), transforms.normalize(rng.normal(size=4))) for _ in range(3)]
         angles = solver.solve(BodyPose(*poses), angles)
         assert np.isfinite(angles).all()
-        assert (angles >= LOWER_RAD).all()
-        assert (angles <= UPPER_RAD).all()
+        assert (angles >= LOWER_LIMITS_RAD).all()
+        assert (angles <= UPPER_LIMITS_RAD).all()

@@ -20,7 +20,7 @@ from avrgym.models import human, robot
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.emulated_headset import DONE, EmulatedHeadset
+from avrgym.vr.emulation.emulated_headset import DONE_BUTTON, EmulatedHeadset
 from avrgym.vr.protocol.messages import Tracking
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, hand_pose, head_pose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
@@ -30,7 +30,7 @@ from helpers.browser.journey import Journey, draw_triangles, wait_until
 pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 TRIAL_STEPS = 100
-REACHING_RAD = human.joint_angles(
+REACHING_RAD = human.seated_joint_angles(
     waist_x=8.0, waist_y=4.0, head_z=20.0, head_x=5.0,
     right_shoulder_x=-35.0, right_shoulder_y=10.0, right_elbow_x=-70.0, right_wrist_x=10.0,
     left_shoulder_x=-20.0, left_shoulder_y=-15.0, left_elbow_x=-100.0,
@@ -49,21 +49,21 @@ def journey(tmp_path: Path) -> Iterator[Journey]:
 def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     headset, session = journey.headset, journey.session
     journey.enter()
-    assert headset.call("presenting")
+    assert headset.call_emulator("presenting")
     journey.calibrate()
     journey.wait_for_phase("free_before")
     assert session.person.torso_height_m == pytest.approx(
         journey.participant.traits.torso_height_m, abs=0.005
     )
 
-    frame = journey.participant.frame_from_angles(REACHING_RAD, 0.0)
+    frame = journey.participant.tracking_frame_from_angles(REACHING_RAD, 0.0)
     headset.set_poses(frame)
     registration = session.registration
     assert registration is not None
     wait_until(lambda: all(map(operator.lt, errors(journey, registration, frame), (0.02, 0.03, 0.03))))
 
     journey.wait_for_phase("trial")
-    headset.set_poses(journey.participant.frame(1.0, moving=False))
+    headset.set_poses(journey.participant.tracking_frame(1.0, moving=False))
     left, right = eyes(headset)
     assert (np.abs(left - right).max(axis=-1) > 24).mean() > 0.01
     for eye in (left, right):
@@ -72,10 +72,10 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     given = {}
     for value, item in zip((7, 6, 5, 4), LIKERT_ITEMS, strict=True):
         journey.wait_for_buttons(item.id)
-        headset.answer(value)
+        headset.select_answer(value)
         given[item.id] = value
     journey.wait_for_buttons("confirm")
-    headset.answer(DONE)
+    headset.select_answer(DONE_BUTTON)
     journey.wait_for_phase("finished")
 
     recording = read_recording(journey.folder / "trial-01_attempt-1.mcap")
@@ -83,12 +83,14 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     assert recording.outcome is not None
     assert recording.outcome.result == "completed"
     assert recording.configuration.simulated is True
-    control = [record for _, record in recording.topics["/control"]]
+    control = [record for _, record in recording.messages_by_topic["/control"]]
     assert [record.step for record in control] == list(range(1, TRIAL_STEPS + 1))
-    assert {record.item: record.value for _, record in recording.topics["/answers"]} == given
-    assert len(recording.topics["/physics"]) >= 10 * TRIAL_STEPS
-    assert any(record.applied and record.right is not None for _, record in recording.topics["/tracking"])
-    phases = [record.detail for _, record in recording.topics["/events"] if record.name == "phase"]
+    assert {record.item: record.value for _, record in recording.messages_by_topic["/answers"]} == given
+    assert len(recording.messages_by_topic["/physics"]) >= 10 * TRIAL_STEPS
+    assert any(
+        record.applied and record.right is not None for _, record in recording.messages_by_topic["/tracking"]
+    )
+    phases = [record.detail for _, record in recording.messages_by_topic["/events"] if record.name == "phase"]
     assert phases == [
         "free_before",
         "countdown",
@@ -137,15 +139,15 @@ def test_hands_are_drawn_without_latency_and_blocked_by_the_robot(tmp_path: Path
 
         with standing_still(journey.session):
             for share in np.linspace(0.2, 1.0, 5):
-                angles = human.SEATED_RAD + share * (REACHING_RAD - human.SEATED_RAD)
-                journey.headset.set_poses(journey.participant.frame_from_angles(angles, 0.0))
+                angles = human.SEATED_POSE_RAD + share * (REACHING_RAD - human.SEATED_POSE_RAD)
+                journey.headset.set_poses(journey.participant.tracking_frame_from_angles(angles, 0.0))
                 journey.headset.wait_for_frames(1)
                 hand = OwnHand(journey)
                 assert hand.drawn_off_m < NEAR_M
                 assert hand.drawn_off_deg < NEAR_DEG
             assert hand.simulated_off_m > 10.0 * NEAR_M
 
-        frame = journey.participant.frame_from_angles(REACHING_RAD, 0.0)
+        frame = journey.participant.tracking_frame_from_angles(REACHING_RAD, 0.0)
         assert frame.right is not None
         registration = journey.session.registration
         assert registration is not None
@@ -182,7 +184,7 @@ class OwnHand:
     """The right hand in the frame that the page drew last: how far it is drawn, and simulated, from its controller."""
 
     def __init__(self, journey: Journey) -> None:
-        own, self._session = journey.headset.call("participantBody"), journey.session
+        own, self._session = journey.headset.call_emulator("participantBody"), journey.session
         tracked = own["tracked"]["right"]
         drawn_w, drawn_q = self._hand(own["drawn"])
         simulated_w, _ = self._hand(own["simulated"])
@@ -205,7 +207,7 @@ class OwnHand:
 
 def nearest_of_robot(journey: Journey, place_w: np.ndarray) -> np.ndarray:
     """Where the body of the robot is that is nearest to a place."""
-    poses = np.reshape(journey.headset.call("lastState")["poses"], (-1, 7))
+    poses = np.reshape(journey.headset.call_emulator("lastState")["poses"], (-1, 7))
     bodies = journey.session.bodies
     places = [pose[:3] for name, pose in zip(bodies, poses, strict=False) if name.startswith(robot.PREFIX)]
     return min(places, key=lambda pos_w: float(np.linalg.norm(pos_w - place_w)))
@@ -217,12 +219,12 @@ def errors(journey: Journey, registration: Registration, frame: Tracking) -> tup
     assert frame.left is not None
     assert frame.right is not None
     person = journey.session.person
-    layout = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+    layout = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
     bodies = journey.session.bodies
-    poses = np.reshape(journey.headset.call("lastState")["poses"], (len(bodies), 7))
+    poses = np.reshape(journey.headset.call_emulator("lastState")["poses"], (len(bodies), 7))
 
     def site(name: str) -> np.ndarray:
-        pose = poses[bodies.index(human.PREFIX + human.SITE_BODY[name])]
+        pose = poses[bodies.index(human.PREFIX + human.SITE_BODIES[name])]
         return pose[:3] + transforms.rotate(pose[3:], layout.site_pos[name][0])
 
     wanted = (

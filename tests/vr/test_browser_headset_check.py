@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.texts.interface_texts import ENGLISH
+from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.headset_check import fault_text, result_message
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
-from avrgym.vr.session.phases.checking import MAX_FAULTS_SHOWN
+from avrgym.vr.session.phases.checking import MAX_SHOWN_FAULTS
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.browser.journey import Journey, wait_until
 from helpers.vr.visit import constant_policies, plan
@@ -21,24 +21,27 @@ pytestmark = pytest.mark.usefixtures("relaxed_limits")
 @pytest.mark.slow
 def test_the_headset_check_reports_problems(tmp_path: Path) -> None:
     """No frame rate is asserted: the emulated headset draws in software."""
-    checked = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.5, stretched_s=0.5, moving_s=1.5))
+    checked = replace(
+        plan(),
+        headset_check=HeadsetCheckPlan(rest_duration_s=1.5, stretch_duration_s=0.5, motion_duration_s=1.5),
+    )
     with ExitStack() as opened:
         journey = Journey(tmp_path, checked, constant_policies(checked), opened)
         headset, session = journey.headset, journey.session
-        headset.set_poses(journey.participant.frame(0.0, moving=False))
+        headset.set_poses(journey.participant.tracking_frame(0.0, moving=False))
         headset.enter_vr()
-        wait_until(lambda: session.phase == "headset")
-        while session.phase == "headset":
+        wait_until(lambda: session.phase_name == "headset")
+        while session.phase_name == "headset":
             headset.wait_for_frames(5)
             headset.pull_trigger("right")
         journey.wait_for_phase("headset_stop")
         headset.press_menu("left")
         for item, value in (("haptics", 2), ("sound", 1)):
             journey.wait_for_buttons(item)
-            headset.answer(value)
+            headset.select_answer(value)
         journey.wait_for_phase("headset")
         (check,) = [each.check for each in journey.observed if isinstance(each, events.HeadsetChecked)]
-        told = ENGLISH.render_for_page(result_message(check, MAX_FAULTS_SHOWN))
+        told = ENGLISH_TEXTS.render_for_page(result_message(check, MAX_SHOWN_FAULTS))
         headset.page.get_by_text(told).first.wait_for(state="attached")
         headset.screenshot(tmp_path / "result.png")
     assert "The buzz was not felt" in fault_text(check)

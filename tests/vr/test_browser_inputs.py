@@ -13,7 +13,7 @@ from avrgym.geometry import transforms
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON
+from avrgym.vr.emulation.emulated_headset import AGAIN_BUTTON, BACK_BUTTON, CONTINUE_BUTTON, DONE_BUTTON
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
@@ -50,7 +50,7 @@ class Wearer:
         )  # fmt: skip
         self.journey = Journey(folder, plan, constant_policies(plan), opened, query=f"&headset={headset}")
         self.headset, self.session = self.journey.headset, self.journey.session
-        frame = self.journey.participant.frame(0.0, moving=False)
+        frame = self.journey.participant.tracking_frame(0.0, moving=False)
         assert frame.head is not None
         self._aside = _at_the_right(frame.head)
         self.headset.set_poses(frame)
@@ -62,15 +62,15 @@ class Wearer:
         """Choose a button once the panel has those of a question, of the ``check``, or to ``confirm``."""
         self.journey.wait_for_buttons(item)
         self.headset.wait_for_frames(10)
-        self.headset.answer(value)
+        self.headset.select_answer(value)
 
     def go_on(self, *phases: str) -> None:
         """Select nothing on the panel until phases are over."""
-        self.headset.call("pointAt", self._aside)
-        while self.headset.call("phase")["name"] in phases:
+        self.headset.call_emulator("pointAt", self._aside)
+        while self.headset.call_emulator("phase")["name"] in phases:
             self.headset.wait_for_frames(20)
-            if self.headset.call("phase")["name"] in phases:
-                self.headset.select()
+            if self.headset.call_emulator("phase")["name"] in phases:
+                self.headset.press_select()
 
 
 def _at_the_right(head: XRPose) -> list[float]:
@@ -88,20 +88,20 @@ def test_each_headset_completes_a_session(name: str, tmp_path: Path) -> None:
         session = wearer.session
         wearer.choose("body", FIRST_TONE)
         wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
-        assert session.phase == "calibration"
+        assert session.phase_name == "calibration"
         wearer.go_on("calibration", "loading")
-        wearer.choose("check", AGAIN)
+        wearer.choose("check", AGAIN_BUTTON)
         wearer.journey.wait_for_phase("calibration")
         wearer.go_on("calibration", "loading")
-        wearer.choose("check", GO_ON)
+        wearer.choose("check", CONTINUE_BUTTON)
         wearer.choose(LIKERT_ITEMS[0].id, 6)
-        wearer.choose("confirm", BACK)
+        wearer.choose("confirm", BACK_BUTTON)
         wearer.choose(LIKERT_ITEMS[0].id, 2)
-        wearer.choose("confirm", DONE)
+        wearer.choose("confirm", DONE_BUTTON)
         wearer.journey.wait_for_phase("finished")
         (ended,) = [each for each in wearer.journey.observed if isinstance(each, events.TrialEnded)]
     assert ended.result == "completed"
-    answers = read_recording(tmp_path / "trial-01_attempt-1.mcap").topics["/answers"]
+    answers = read_recording(tmp_path / "trial-01_attempt-1.mcap").messages_by_topic["/answers"]
     assert [record.value for _, record in answers] == [6, 2]
 
 
@@ -129,11 +129,11 @@ def test_each_headset_stops_the_robot_in_its_own_way(name: str, tmp_path: Path) 
         wearer.go_on("calibration", "loading", "check")
         wearer.journey.wait_for_phase("trial")
         wearer.headset.wait_for_frames(5)
-        shown = wearer.headset.call("stop")
+        shown = wearer.headset.call_emulator("stop")
         assert shown["method"] == ("triggers" if WAYS[name] == "squeeze" else WAYS[name])
         assert (shown["sign"] is not None) == (WAYS[name] == "gaze")
         wearer.headset.screenshot(tmp_path / "sign.png")
-        wearer.headset.begin_stop(WAYS[name])
+        wearer.headset.begin_emergency_stop(WAYS[name])
         wearer.journey.wait_for_phase("paused")
         observed = wearer.journey.observed
         assert [each.way for each in observed if isinstance(each, events.Stopped)] == [WAYS[name]]

@@ -7,12 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.commands.preferences import CommandRules, apply_preferences
+from avrgym.commands.preferences import ConditionRules, apply_preferences
 from avrgym.models.human import SKIN_TONES
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import read_recording
-from avrgym.vr.emulation.emulated_headset import AGAIN, BACK, DONE, GO_ON, _plain
+from avrgym.vr.emulation.emulated_headset import (
+    AGAIN_BUTTON,
+    BACK_BUTTON,
+    CONTINUE_BUTTON,
+    DONE_BUTTON,
+    _plain,
+)
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, TrialPlan, load_policies
@@ -55,13 +61,13 @@ class Participation:
     def take_part(self) -> None:
         stopped, phase = 0, ""
         while phase != "finished":
-            shown, question = self.journey.headset.call("phaseAndQuestion")
+            shown, question = self.journey.headset.call_emulator("phaseAndQuestion")
             phase = shown["name"]
-            buttons = self.journey.headset.call("buttons")
+            buttons = self.journey.headset.call_emulator("buttons")
             if phase in ("headset_stop", "trial") and stopped < 1 + (phase == "trial"):
                 self.chooser.stop()
                 stopped += 1
-                wait_until(lambda left=phase: self.journey.headset.call("phase")["name"] != left)
+                wait_until(lambda left=phase: self.journey.headset.call_emulator("phase")["name"] != left)
                 self.lie_back()
             elif buttons and question and buttons[0]["item"] == question["item"]:
                 self.answer(question)
@@ -77,23 +83,23 @@ class Participation:
         elif before:
             self.choose(LINE.id, *((SEGMENT, 15) if staged else (15,)))
         else:
-            self.choose(LINE.id, *((SEGMENT, BACK, SEGMENT, 14) if staged else (14,)))
+            self.choose(LINE.id, *((SEGMENT, BACK_BUTTON, SEGMENT, 14) if staged else (14,)))
 
     def go_on(self, phase: str) -> None:
         """Select the button with which the phase continues, once also each other one."""
-        if phase == "headset" and ("headset", GO_ON) in self.done:
+        if phase == "headset" and ("headset", CONTINUE_BUTTON) in self.done:
             self.experimenter.send(messages.Command("skip"))
-            wait_until(lambda: self.journey.session.phase != "headset")
+            wait_until(lambda: self.journey.session.phase_name != "headset")
         elif phase == "calibration" and ("calibration", FIRST_TONE) not in self.done:
             self.chooser.choose(FIRST_TONE, lambda: self.tone == next(iter(SKIN_TONES)))
             self.done.append((phase, FIRST_TONE))
-        elif phase == "check" and ("check", AGAIN) not in self.done:
-            self.choose(phase, AGAIN)
+        elif phase == "check" and ("check", AGAIN_BUTTON) not in self.done:
+            self.choose(phase, AGAIN_BUTTON)
         elif phase == "confirm":
-            self.choose(phase, BACK if ("confirm", BACK) not in self.done else DONE)
+            self.choose(phase, BACK_BUTTON if ("confirm", BACK_BUTTON) not in self.done else DONE_BUTTON)
         else:
             self.lie_back()
-            self.choose(phase, GO_ON)
+            self.choose(phase, CONTINUE_BUTTON)
 
     @property
     def tone(self) -> str:
@@ -103,9 +109,9 @@ class Participation:
         """Rest in the seat or bed."""
         participant, session = self.journey.participant, self.journey.session
         participant.adopt_posture(session.world.environment_id)
-        frame = participant.frame(time.monotonic(), moving=False)
+        frame = participant.tracking_frame(time.monotonic(), moving=False)
         poses = {"head": _plain(frame.head), "left": _plain(frame.left), "right": _plain(frame.right)}
-        self.journey.headset.call("setPoses", self.chooser.rest(poses))
+        self.journey.headset.call_emulator("setPoses", self.chooser.rest(poses))
 
 
 @pytest.mark.slow
@@ -120,7 +126,7 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
     plan = SessionPlan(
         trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], LINE), trial_steps=200, countdown_s=0.3,
         input_profile=profile, haptics=False, measure_reach=True,
-        headset_check=HeadsetCheckPlan(at_rest_s=0.5, stretched_s=0.5, moving_s=0.5),
+        headset_check=HeadsetCheckPlan(rest_duration_s=0.5, stretch_duration_s=0.5, motion_duration_s=0.5),
     )  # fmt: skip
     began = time.monotonic()
     query = "&headset=hands" if name == "hands" else ""
@@ -136,18 +142,18 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
         assert session.person.skin_tone == next(iter(SKIN_TONES))
     print(f"{name}: {(time.monotonic() - began) / 60:.1f} min, {len(person.done)} selections")
     lost = {each.part for each in observed if isinstance(each, events.TrackingLost | events.TrackingTimedOut)}
-    assert lost <= {"head", *profile.used_arms}
+    assert lost <= {"head", *profile.tracked_arms}
     recordings = [read_recording(path) for path in session.recordings]
     assert [result(each) for each in recordings] == ["stopped", "completed", "completed"]
     assert {each.configuration.input_profile for each in recordings} == {profile}
-    values = [(record.item, record.value) for _, record in recordings[-1].topics["/answers"]]
+    values = [(record.item, record.value) for _, record in recordings[-1].messages_by_topic["/answers"]]
     assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14), (LINE.id, 15)]
 
 
 @pytest.mark.slow
 def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
     """The icons are next to the robot. Only the commands and the source that the condition allows exist."""
-    rules = CommandRules(policy="revised", commands=("ready", "wait", "stop"), sources=("dwell",))
+    rules = ConditionRules(policy="revised", commands=("ready", "wait", "stop"), sources=("dwell",))
     trial = TrialPlan(ENVIRONMENT, "revised", 3, practice=False, rules=apply_preferences(rules, None))
     profile = InputProfile("head", dwell_s=0.6)
     plan = SessionPlan([trial], "woman", 0.1, simulated=True, countdown_s=0.3, input_profile=profile)
@@ -159,19 +165,19 @@ def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
         )
         person.lie_back()
         journey.headset.enter_vr()
-        while journey.headset.call("phase")["name"] != "trial":
-            if GO_ON in [button["value"] for button in journey.headset.call("buttons")]:
+        while journey.headset.call_emulator("phase")["name"] != "trial":
+            if CONTINUE_BUTTON in [button["value"] for button in journey.headset.call_emulator("buttons")]:
                 person.lie_back()
-                person.chooser.choose(GO_ON)
+                person.chooser.choose(CONTINUE_BUTTON)
             journey.headset.wait_for_frames(3)
         person.lie_back()
-        wait_until(lambda: len(journey.headset.call("buttons")) == 3)
-        icons = {button["item"]: button["value"] for button in journey.headset.call("buttons")}
+        wait_until(lambda: len(journey.headset.call_emulator("buttons")) == 3)
+        icons = {button["item"]: button["value"] for button in journey.headset.call_emulator("buttons")}
         assert list(icons) == ["ready", "wait", "stop"]
         for name in ("wait", "stop"):
             journey.headset.look_at_button(icons[name])
             wait_until(lambda name=name: name in [each for each, _ in commands(journey)])
-        wait_until(lambda: journey.session.phase == "paused")
+        wait_until(lambda: journey.session.phase_name == "paused")
     assert commands(journey) == [("wait", "dwell"), ("stop", "dwell")]
 
 

@@ -66,12 +66,12 @@ def test_every_task_with_one_robot_or_the_other(
     assert [each.configuration.environment for each in completed] == list(MIXED)
     for each in completed:
         assert each.complete
-        assert [record.step for _, record in each.topics["/control"]] == [1, 2, 3, 4, 5]
-        assert len(each.topics["/answers"]) == 1
-        assert any(record.applied for _, record in each.topics["/tracking"])
+        assert [record.step for _, record in each.messages_by_topic["/control"]] == [1, 2, 3, 4, 5]
+        assert len(each.messages_by_topic["/answers"]) == 1
+        assert any(record.applied for _, record in each.messages_by_topic["/tracking"])
         assert verify(each).identical
     whole.headset.page.get_by_role("button", name="Leave VR").click()
-    wait_until(lambda: not whole.headset.call("presenting"))
+    wait_until(lambda: not whole.headset.call_emulator("presenting"))
 
 
 @pytest.mark.slow
@@ -81,10 +81,10 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     headset, session = visit.headset, visit.session
     visit.enter()
     visit.wait_for_buttons("body")
-    headset.answer(FIRST_TONE)
+    headset.select_answer(FIRST_TONE)
     wait_until(lambda: session.person.skin_tone == next(iter(SKIN_TONES)))
-    assert session.phase == "calibration"
-    headset.set_poses(visit.participant.frame(1.0, moving=False))
+    assert session.phase_name == "calibration"
+    headset.set_poses(visit.participant.tracking_frame(1.0, moving=False))
     visit.calibrate()
     visit.wait_for_phase("trial")
 
@@ -99,9 +99,9 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
     assert browser is not None
     second = browser.new_page()
     second.set_default_timeout(1000 * TIMEOUT_S)
-    second.goto(visit.server.url)
+    second.goto(visit.server.participant_url)
     second.get_by_text("Another page already takes part").first.wait_for()
-    assert session.phase == "trial"
+    assert session.phase_name == "trial"
     second.close()
 
     for count in (2, 3):
@@ -111,7 +111,7 @@ def test_a_session_with_interruptions(journey: Callable[[SessionPlan], Journey])
         visit.wait_for_phase("trial")
 
     headset.page.reload()
-    wait_until(lambda: session.phase == "waiting")
+    wait_until(lambda: session.phase_name == "waiting")
     headset.page.wait_for_function("() => window.avrgymEmulator !== undefined", timeout=1000 * TIMEOUT_S)
     visit.enter()
     visit.calibrate()

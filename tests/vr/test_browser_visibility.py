@@ -43,7 +43,7 @@ def seen(journey: Journey) -> int:
 
 
 def await_trial(session: Session) -> None:
-    wait_until(lambda: session.phase == "trial")
+    wait_until(lambda: session.phase_name == "trial")
 
 
 @pytest.mark.slow
@@ -59,28 +59,28 @@ def test_in_vr(journey: Journey) -> None:
 
     for number, state in enumerate(("visible-blurred", "hidden"), 1):
         blur(state)
-        wait_until(lambda: session.phase == "paused")
+        wait_until(lambda: session.phase_name == "paused")
         assert lost(journey)[-1] == state
-        sent = headset.call("trackingSent")
+        sent = headset.call_emulator("trackingSent")
         headset.page.wait_for_timeout(300)
-        assert headset.call("trackingSent") == sent
+        assert headset.call_emulator("trackingSent") == sent
         blur("visible")
         wait_until(lambda number=number: seen(journey) == number)
-        assert session.phase == "paused"
+        assert session.phase_name == "paused"
         headset.page.get_by_text("You did not see the scene").first.wait_for(state="attached")
         journey.finish_phases("paused")
         await_trial(session)
     headset.page.evaluate(GRAPHICS, "loseContext")
-    wait_until(lambda: session.phase != "trial")
+    wait_until(lambda: session.phase_name != "trial")
     assert lost(journey)[-1] == "context-lost"
     assert journey.results() == ["interrupted"] * 3
 
 
 def play(page: Page, session: Session) -> None:
     page.get_by_role("button", name="Play without a headset").click()
-    wait_until(lambda: session.phase == "calibration")
+    wait_until(lambda: session.phase_name == "calibration")
     for phase in SEATING:
-        while session.phase == phase:
+        while session.phase_name == phase:
             page.keyboard.press("Enter")
             page.wait_for_timeout(100)
     await_trial(session)
@@ -99,11 +99,11 @@ def test_on_the_page(journey: Journey, script: str, lose: str, find: str, state:
     page, session = journey.headset.page, journey.session
     play(page, session)
     page.evaluate(script, lose)
-    wait_until(lambda: session.phase == "paused")
+    wait_until(lambda: session.phase_name == "paused")
     assert lost(journey) == [state]
     page.evaluate(script, find)
     wait_until(lambda: seen(journey) == 1)
-    assert session.phase == "paused"
+    assert session.phase_name == "paused"
     page.get_by_text("Choose Go on to repeat the trial").first.wait_for()
     page.screenshot(path=journey.folder / "paused.png")
     page.get_by_role("button", name="Go on").click()

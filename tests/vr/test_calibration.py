@@ -7,7 +7,7 @@ from avrgym.geometry import transforms
 from avrgym.models.furniture.real_furniture import RealFurniture, change_furniture
 from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.protocol.messages import Tracking, XRPose
-from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, register
+from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, registration_from_head
 from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
 from avrgym.vr.tracking.calibration import measure_torso_height
 from avrgym.vr.tracking.frames import TrackingFeed
@@ -45,7 +45,7 @@ def test_the_measure_is_the_torso_height_whatever_they_rest_on(
 def test_registering_somebody_at_rest_gives_no_angles(posture: Posture, height_offset_m: float) -> None:
     person = Person("man", 0.57)
     head = headset(person, posture, height_offset_m)
-    registration = register(head, resting_head_centre(person, posture))
+    registration = registration_from_head(head, resting_head_centre(person, posture))
     np.testing.assert_allclose(torso_angles(person, head_pose(registration, head), posture), 0.0, atol=1e-6)
     assert registration.origin_w[2] == pytest.approx(-height_offset_m)
 
@@ -55,7 +55,7 @@ def test_a_torso_height_that_was_entered_fits_the_same_headset(posture: Posture)
     """The experimenter corrects the measure: the person changes, the head stays where it is."""
     measured, corrected = Person("woman", 0.57), Person("woman", 0.53)
     head = headset(measured, posture)
-    pose = head_pose(register(head, resting_head_centre(corrected, posture)), head)
+    pose = head_pose(registration_from_head(head, resting_head_centre(corrected, posture)), head)
     angles = BodySolver(corrected, posture).solve(BodyPose(pose, None, None), corrected.joint_angles_rad)
     np.testing.assert_allclose(angles[:6], 0.0, atol=1e-6)
 
@@ -98,11 +98,11 @@ def feed_of(*heads: XRPose) -> TrackingFeed:
 def test_the_headset_at_rest_is_the_one_of_median_height() -> None:
     heights = (1.20, 1.21, 1.215, 1.205, 1.22, 1.2, 1.21)
     heads = [XRPose((0.0, height, 0.0), (0.0, 0.0, 0.0, 1.0)) for height in heights]
-    assert feed_of(*heads).steady_head(0.1).position[1] == 1.21
+    assert feed_of(*heads).steady_headset_pose(0.1).position[1] == 1.21
 
 
 def test_who_looks_at_the_ceiling_faces_nowhere() -> None:
     sine, cosine = np.sin(np.radians(40.0)), np.cos(np.radians(40.0))
     up = XRPose((0.0, 1.2, 0.0), (float(sine), 0.0, 0.0, float(cosine)))
     with pytest.raises(ValueError, match="too steeply"):
-        feed_of(*[up] * 6).steady_head(0.1)
+        feed_of(*[up] * 6).steady_headset_pose(0.1)

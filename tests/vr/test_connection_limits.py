@@ -82,7 +82,7 @@ def test_small_messages_are_sent_without_delay(
 def test_of_too_many_strangers_the_longest_silent_goes(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 8)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED_CONNECTIONS", 8)
     with make_server() as server, idle_connections(server.port, 8) as first:
         with idle_connections(server.port, 5):
             await_that(lambda: [is_open(each) for each in first] == [False] * 5 + [True] * 3)
@@ -118,7 +118,7 @@ def test_authenticated_connections_survive_floods(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Six times as many strangers as may be, while participant, experimenter and spectator are connected."""
-    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 16)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED_CONNECTIONS", 16)
     with (
         make_server() as server,
         participant(server) as seated,
@@ -144,7 +144,7 @@ def test_authenticated_connections_survive_floods(
 
 def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of another machine; those of this one share an address with a headset on a cable."""
-    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 8)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED_CONNECTIONS", 8)
     ended: list[str] = []
 
     class Taken(gate_module.Connection):
@@ -165,7 +165,7 @@ def test_silence_is_closed(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
+    monkeypatch.setattr(gate_module, "TIMEOUT_CHECK_INTERVAL_S", 0.05)
     with make_server() as server:
         for said in (b"", b"GET / HTTP/1.1\r\nHost: ", request(server.port)):
             with connect(server.port) as connection:
@@ -184,7 +184,7 @@ def test_drop_by_drop_is_no_request(
 ) -> None:
     """A header that goes on and on counts as silence."""
     monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.3)
-    monkeypatch.setattr(gate_module, "SWEEP_INTERVAL_S", 0.05)
+    monkeypatch.setattr(gate_module, "TIMEOUT_CHECK_INTERVAL_S", 0.05)
     with make_server() as server, connect(server.port) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
         await_that(lambda: not accepts(connection, b"x"))
@@ -237,8 +237,8 @@ def test_connections_above_the_role_limit_count_as_unauthenticated(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A token opens many connections, but not so many that the server has none left."""
-    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED", 4)
-    monkeypatch.setattr(gate_module, "MAX_PER_ROLE", 2)
+    monkeypatch.setattr(gate_module, "MAX_UNAUTHENTICATED_CONNECTIONS", 4)
+    monkeypatch.setattr(gate_module, "MAX_CONNECTIONS_PER_ROLE", 2)
     token = b"Authorization: Bearer "
     with make_server() as server, idle_connections(server.port, 4) as many:
         shown = token + server.tokens.spectator.encode() + b"\r\n"

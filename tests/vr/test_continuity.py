@@ -23,7 +23,7 @@ from avrgym.vr.server.real_time_loop import RealTimeLoop
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import session
 from avrgym.vr.session.session import Session
-from avrgym.vr.tracking.frames import MAX_GAP_FRAMES, RESTART_FRAMES, SequenceFilter
+from avrgym.vr.tracking.frames import MAX_SEQUENCE_GAP, MIN_RESTART_FRAMES, SequenceFilter
 from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.processes import RunningServer, running_server
 from helpers.vr.visit import Visit, events, result
@@ -34,7 +34,7 @@ LARGEST = 2**53 - 1
 
 
 def held(recording: Recording) -> list[bool]:
-    return [frame.held for _, frame in recording.topics["/tracking"]]
+    return [frame.held for _, frame in recording.messages_by_topic["/tracking"]]
 
 
 # Nobody is tracked -------------------------------------------------------------------------------------------
@@ -49,8 +49,8 @@ def test_no_trial_completes_whose_participant_is_not_tracked(visit: Callable[...
     (recording,) = silent.recordings()
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["tracking_timed_out", "robot_holds"]
-    last_s = recording.topics["/tracking"][-1][1].received_time_s
-    holds_s = recording.topics["/events"][-1][0] / 1e9
+    last_s = recording.messages_by_topic["/tracking"][-1][1].received_time_s
+    holds_s = recording.messages_by_topic["/events"][-1][0] / 1e9
     print(f"\nthe robot holds {holds_s - last_s:.2f} s after the last frame")
     assert 1.0 < holds_s - last_s < 1.0 + 2.5 * TICK_S
     assert silent.session.attempt is None
@@ -181,7 +181,7 @@ def test_a_client_that_counts_anew_is_followed_after_ten_frames(visit: Callable[
     reloaded.participant._sequence = -1
     reloaded.run_until("countdown")
     reloaded.leave()
-    assert sum(held(reloaded.recordings()[0])) == RESTART_FRAMES - 1
+    assert sum(held(reloaded.recordings()[0])) == MIN_RESTART_FRAMES - 1
 
 
 def test_a_stream_in_order_is_followed_whatever_came_before() -> None:
@@ -193,9 +193,9 @@ def test_a_stream_in_order_is_followed_whatever_came_before() -> None:
         for number in wild.tolist():
             numbering.accepts(number)
         begins = int(rng.choice([0, 1, 500, 10**6, LARGEST - 50, LARGEST]))
-        steps = rng.integers(1, MAX_GAP_FRAMES + 1, 40)
+        steps = rng.integers(1, MAX_SEQUENCE_GAP + 1, 40)
         stream = (begins + np.cumsum(steps)).tolist()
-        assert all([numbering.accepts(number) for number in stream][RESTART_FRAMES - 1 :])
+        assert all([numbering.accepts(number) for number in stream][MIN_RESTART_FRAMES - 1 :])
 
 
 def test_no_frame_counts_twice_and_none_that_comes_late() -> None:
@@ -226,11 +226,11 @@ def test_no_trial_completes_in_which_time_was_lost(visit: Callable[..., Visit]) 
     freeze(frozen)
     assert frozen.phase == "paused"
     (recording,) = frozen.recordings()
-    times_s = np.array([ns for ns, _ in recording.topics["/physics"]]) / 1e9
+    times_s = np.array([ns for ns, _ in recording.messages_by_topic["/physics"]]) / 1e9
     print(f"\na gap of {1000 * np.diff(times_s).max():.0f} ms")
     assert result(recording) == "interrupted"
     assert events(recording)[-2:] == ["time_lost", "robot_holds"]
-    assert recording.topics["/events"][-2][1].detail == "the computer was suspended for 10.0 s"
+    assert recording.messages_by_topic["/events"][-2][1].detail == "the computer was suspended for 10.0 s"
     (lost,) = (each for each in frozen.observed if isinstance(each, session_events.TimeLost))
     assert lost.seconds == pytest.approx(FROZEN_TICKS * TICK_S)
     assert "was suspended for 10.0 s" in frozen.problems[-1]

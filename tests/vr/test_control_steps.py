@@ -4,7 +4,7 @@ import numpy as np
 from numpy.testing import assert_array_equal
 
 from avrgym.array_types import FloatArray
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.tasks.episodes import Episodes
 
 ENVIRONMENT = "avrgym/ScratchItchJaco-v1"
@@ -28,8 +28,8 @@ def persons_joints(*, amended: bool) -> FloatArray:
     episodes = Episodes(ENVIRONMENT, 1, people="zoo/train", impairment="tremor", num_threads=1)
     episodes.reset(np.array([0]), [np.random.default_rng(3)])
     source = RepeatedAction(np.zeros((1, episodes.action_size)), amended=amended)
-    for _ in range(3 * SUBSTEPS):
-        episodes.loop.tick(source)
+    for _ in range(3 * DEFAULT_SUBSTEPS):
+        episodes.control_loop.tick(source)
     return episodes.state().right_arm_pos_w
 
 

@@ -26,15 +26,15 @@ def holds(kept: CpuIdlePrevention) -> bool:
 
 def test_idle_states_are_prevented_until_released(guest: Path) -> None:
     kept = CpuIdlePrevention()
-    kept.set(False)
+    kept.set_enabled(False)
     assert not guest.exists()
     for _ in range(2):
         for _ in range(2):
-            kept.set(True)
+            kept.set_enabled(True)
             assert holds(kept)
             assert guest.read_bytes() == ZERO_LATENCY == bytes(4)
         held = kept._file
-        kept.set(False)
+        kept.set_enabled(False)
         assert not holds(kept)
         assert held is not None
         assert held.closed
@@ -45,16 +45,16 @@ def test_physical_machines_are_not_changed(guest: Path, driver: str | None) -> N
     cpu_idle.DRIVER_FILE.unlink()
     if driver:
         cpu_idle.DRIVER_FILE.write_text(f"{driver}\n")
-    CpuIdlePrevention().set(True)
+    CpuIdlePrevention().set_enabled(True)
     assert not guest.exists()
 
 
 def test_without_permission_nothing_happens(guest: Path) -> None:
     guest.mkdir()
     kept = CpuIdlePrevention()
-    kept.set(True)
+    kept.set_enabled(True)
     guest.rmdir()
-    kept.set(True)
+    kept.set_enabled(True)
     assert not guest.exists()
 
 
@@ -62,7 +62,7 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
     guest: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[bool] = []
-    keep = CpuIdlePrevention.set
+    keep = CpuIdlePrevention.set_enabled
 
     def note(kept: CpuIdlePrevention, awake: bool) -> None:
         asked.append(awake)
@@ -71,7 +71,7 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
     def rest(ticks: int) -> None:
         session.at_rest = ticks <= 3
 
-    monkeypatch.setattr(CpuIdlePrevention, "set", note)
+    monkeypatch.setattr(CpuIdlePrevention, "set_enabled", note)
     session = FakeSession(rest)
     run(session, 8)
     assert asked[:8] == 3 * [False] + 5 * [True]
@@ -88,7 +88,7 @@ def test_the_loop_keeps_processors_awake_while_something_moves(
 def test_the_system_hears_it() -> None:
     kept = CpuIdlePrevention()
     before = LATENCY_FILE.read_bytes()
-    kept.set(True)
+    kept.set_enabled(True)
     assert LATENCY_FILE.read_bytes() == ZERO_LATENCY
-    kept.set(False)
+    kept.set_enabled(False)
     assert LATENCY_FILE.read_bytes() == before

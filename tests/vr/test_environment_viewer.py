@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
@@ -19,7 +19,7 @@ from avrgym.vr.protocol.messages import (
     Stop,
     Welcome,
 )
-from avrgym.vr.server.environment_viewer import LOADING_TIMEOUT_S, LOOK_AT_END_S, EnvironmentViewer
+from avrgym.vr.server.environment_viewer import EPISODE_END_PAUSE_S, LOADING_TIMEOUT_S, EnvironmentViewer
 
 BATHING = "avrgym/BedBathingJaco-v1"
 TICK_S = 0.01
@@ -62,9 +62,9 @@ def place(state: State) -> np.ndarray:
 def test_a_new_connection_receives_scene_and_status():
     watcher = Watcher(BATHING)
     watcher.received.clear()
-    watcher.viewing.welcome(watcher.received.append, "experimenter", 0.0)
+    watcher.viewing.send_initial_state(watcher.received.append, "experimenter", 0.0)
     assert [type(message) for message in watcher.received] == [Welcome, Scene, Phase, Status]
-    assert watcher.received[0].protocol == messages.PROTOCOL  # type: ignore[attr-defined]
+    assert watcher.received[0].protocol == messages.PROTOCOL_VERSION  # type: ignore[attr-defined]
     assert watcher.words == f"{BATHING}, zero, episode 1: preparing"
 
 
@@ -97,9 +97,9 @@ def test_an_episode_waits_for_its_scene_but_not_for_ever():
 def test_episode_follows_episode_with_other_people():
     watcher = Watcher("avrgym/FeedingJaco-v1")
     watcher.load()
-    watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
+    watcher.run(EPISODE_STEPS * DEFAULT_SUBSTEPS * TICK_S)
     assert watcher.words.endswith("no success")
-    watcher.run(LOOK_AT_END_S + TICK_S)
+    watcher.run(EPISODE_END_PAUSE_S + TICK_S)
     assert watcher.words == "avrgym/FeedingJaco-v1, zero, episode 2: preparing"
     first, second = watcher.inbox(Scene)
     assert (first.url, second.url) == ("/scenes/0.glb", "/scenes/1.glb")
@@ -111,7 +111,7 @@ def test_episode_follows_episode_with_other_people():
 def test_the_status_contains_reward_success_and_force():
     watcher = Watcher("avrgym/ScratchItchJaco-v1", "oracle")
     watcher.load()
-    watcher.run(EPISODE_STEPS * SUBSTEPS * TICK_S)
+    watcher.run(EPISODE_STEPS * DEFAULT_SUBSTEPS * TICK_S)
     told = watcher.inbox(Status)
     assert [status.step for status in told] == sorted(status.step for status in told)
     assert told[0].reward == 0.0
@@ -130,7 +130,7 @@ def test_a_pause_holds_the_world_until_it_is_continued():
     watcher.command("pause")
     before, states = watcher.inbox(Status)[-1], len(watcher.inbox(State))
     assert (before.paused, watcher.viewing.at_rest) == (True, True)
-    watcher.run(LOADING_TIMEOUT_S + LOOK_AT_END_S)
+    watcher.run(LOADING_TIMEOUT_S + EPISODE_END_PAUSE_S)
     assert watcher.words.endswith("paused")
     assert watcher.inbox(Status)[-1].step == before.step
     held = [place(state) for state in watcher.inbox(State)[states:]]
@@ -192,7 +192,7 @@ def test_an_unknown_name_is_rejected_at_the_start():
 @pytest.mark.slow
 def test_the_force_guard_overrides_a_policy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Limits far below contact make the guard hold every arm that approaches the person."""
-    monkeypatch.setattr("avrgym.safety.force_guard.INTERVENTION_SHARE", 1e-6)
+    monkeypatch.setattr("avrgym.safety.force_guard.INTERVENTION_FORCE_SHARE", 1e-6)
     ends: list[np.ndarray] = []
     for force_guard in (False, True):
         watcher = Watcher("avrgym/FeedingJaco-v1", "oracle", force_guard=force_guard)

@@ -71,7 +71,7 @@ def test_the_stop_button_works_and_texts_mention_no_triggers(
 ) -> None:
     observed: list[events.SessionEvent] = []
     server = sessions(observed.append, trial_steps=ENDLESS)
-    page = opened_page(browser, server.url)
+    page = opened_page(browser, server.participant_url)
     play(page, server)
     page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
     wait_until(lambda: server.session.phase == "paused")
@@ -86,7 +86,7 @@ def test_axe_finds_no_violations_during_trials(
     size: tuple[int, int], sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
     server = sessions(trial_steps=ENDLESS)
-    page = opened_page(browser, server.url, *size)
+    page = opened_page(browser, server.participant_url, *size)
     page.get_by_role("button", name="Play without a headset").wait_for()
     found = {"waiting": violations(page)}
     play(page, server)
@@ -98,7 +98,7 @@ def test_axe_finds_no_violations_during_trials(
     found["paused"] = violations(page)
     page.close()
     for role, token in (("experimenter", server.tokens.experimenter), ("spectator", server.tokens.spectator)):
-        watching = opened_page(browser, server.urls("spectator", token)[0], *size)
+        watching = opened_page(browser, server.page_urls("spectator", token)[0], *size)
         watching.get_by_role("main").wait_for()
         found[role] = violations(watching)
         watching.close()
@@ -171,7 +171,7 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     began = time.monotonic()
     observed: list[events.SessionEvent] = []
     server = sessions(observed.append, trial_steps=5, items=QUESTIONS, input_profile=profile)
-    page = opened_page(browser, server.url, *size)
+    page = opened_page(browser, server.participant_url, *size)
     chooser = PageChooser(page, profile)
     pressed = lambda label: not page.get_by_role("button", name=label, exact=True).is_visible()  # noqa: E731
     shows = lambda text: page.get_by_text(text).is_visible()  # noqa: E731

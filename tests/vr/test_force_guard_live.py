@@ -9,12 +9,12 @@ import pytest
 from numpy.testing import assert_array_equal
 from typer.testing import CliRunner
 
-from avrgym.analysis.reading.study_data import guard_interventions
+from avrgym.analysis.reading.study_data import count_guard_interventions
 from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.replay.playback import region_loads
 from avrgym.replay.verification import verify
-from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_SHARE, RELEASE_EVENT
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.protocol.messages import Status
@@ -59,7 +59,7 @@ def unguarded(tmp_path_factory: pytest.TempPathFactory) -> Trial:
 def happened(trial: Trial) -> list[tuple[str, str]]:
     return [
         (event.name, event.detail)
-        for _, event in trial.recording.topics["/events"]
+        for _, event in trial.recording.messages_by_topic["/events"]
         if event.name in (INTERVENTION_EVENT, RELEASE_EVENT)
     ]
 
@@ -78,14 +78,18 @@ def test_every_intervention_is_an_event_with_region_and_force(guarded: Trial, un
     assert [name for name, _ in found] == [INTERVENTION_EVENT, RELEASE_EVENT] * (len(found) // 2) + [
         INTERVENTION_EVENT
     ] * (len(found) % 2)
-    assert guard_interventions(unguarded.recording) is None
-    assert guard_interventions(guarded.recording) == [name for name, _ in found].count(INTERVENTION_EVENT) > 0
+    assert count_guard_interventions(unguarded.recording) is None
+    assert (
+        count_guard_interventions(guarded.recording)
+        == [name for name, _ in found].count(INTERVENTION_EVENT)
+        > 0
+    )
     limits = {region.name: region.quasi_static_limit_n for region in BODY_REGIONS}
     for name, detail in found:
         if name == INTERVENTION_EVENT:
             region, force, unit, *_, limit, _ = detail.split()
             assert unit == "N,"
-            assert float(force) > INTERVENTION_SHARE * limits[region]
+            assert float(force) > INTERVENTION_FORCE_SHARE * limits[region]
             assert float(limit) == limits[region]
 
 
@@ -97,7 +101,7 @@ def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Tri
         assert all(status.force_region in names for status in pressed)
         rest = [status for status in trial.statuses if not status.force_share]
         assert {(status.force_region, status.retracting) for status in rest} <= {("", False), ("", True)}
-    assert max(status.force_share for status in unguarded.statuses) > INTERVENTION_SHARE
+    assert max(status.force_share for status in unguarded.statuses) > INTERVENTION_FORCE_SHARE
     assert all(status.phase == "trial" for status in guarded.statuses if status.retracting)
 
 
@@ -105,22 +109,22 @@ def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> N
     peaks = [
         (region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max() for trial in (guarded, unguarded)
     ]
-    assert INTERVENTION_SHARE < peaks[0] < peaks[1]
+    assert INTERVENTION_FORCE_SHARE < peaks[0] < peaks[1]
 
 
 def test_what_the_guard_makes_of_an_action_is_what_is_recorded(guarded: Trial, unguarded: Trial) -> None:
     given, asked_for = (
-        [each for _, each in trial.recording.topics["/commands"] if each.step <= TRIAL_STEPS]
+        [each for _, each in trial.recording.messages_by_topic["/commands"] if each.step <= TRIAL_STEPS]
         for trial in (guarded, unguarded)
     )
-    control = [step for _, step in guarded.recording.topics["/control"]]
+    control = [step for _, step in guarded.recording.messages_by_topic["/control"]]
     assert len(control) == TRIAL_STEPS < len(given)
     for step in control:
         last = [command.action for command in given if command.step == step.step][-1]
         assert_array_equal(step.action, last)
     assert len(asked_for) == TRIAL_STEPS
     asked = TOWARDS_THE_HAND.tolist()
-    assert all(step.action == asked for _, step in unguarded.recording.topics["/control"])
+    assert all(step.action == asked for _, step in unguarded.recording.messages_by_topic["/control"])
     assert any(step.action != asked for step in control)
 
 

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.vr.scene.geom_meshes import DETAILED_TRIANGLES, geom_mesh, pose_matrix
+from avrgym.vr.scene.geom_meshes import MAX_DETAILED_TRIANGLES, geom_mesh, pose_matrix
 from helpers.robots.example_robots import ALL_ROBOTS, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
@@ -60,7 +60,7 @@ def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
 @pytest.mark.parametrize("name", ALL_ROBOTS)
 def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
     """Also where a file stores each triangle by itself."""
-    simplified = [each for each in robot_meshes(name) if len(each[1].faces) > DETAILED_TRIANGLES]
+    simplified = [each for each in robot_meshes(name) if len(each[1].faces) > MAX_DETAILED_TRIANGLES]
     off = {
         mesh: max(farthest_m(stored, shown), farthest_m(shown, stored)) for mesh, stored, shown in simplified
     }
@@ -90,7 +90,7 @@ def test_triangles_with_vertices_of_their_own_are_simplified_as_one_surface() ->
     """A sphere of a file that shares no vertex."""
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.1)
     spec = mujoco.MjSpec()
-    spec.add_mesh(
+    spec.add_trimesh(
         name="ball",
         uservert=ball.triangles.ravel(),
         userface=np.arange(3 * len(ball.faces)),

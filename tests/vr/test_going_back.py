@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.recording.reader import Recording
-from avrgym.vr.protocol.messages import Back, Command, Disconnected, Left, Question, Ready
+from avrgym.vr.protocol.messages import Back, Command, Left, ParticipantDisconnected, Question, Ready
 from avrgym.vr.session.events import AnswerChanged, Answered
 from helpers.vr.visit import Visit, plan
 
@@ -20,7 +20,7 @@ def asked(tmp_path: Path) -> Visit:
 
 
 def recorded(recording: Recording) -> list[tuple[str, int]]:
-    return [(answer.item, answer.value) for _, answer in recording.topics["/answers"]]
+    return [(answer.item, answer.value) for _, answer in recording.messages_by_topic["/answers"]]
 
 
 def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
@@ -41,7 +41,7 @@ def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
     asked.send(Ready())
     asked.run_until("ready")
     asked.tick(200)
-    assert (asked.phase, asked.session.trial) == ("ready", 1)
+    assert (asked.phase, asked.session.trial_index) == ("ready", 1)
     first = asked.recordings()[0]
     assert first.complete
     assert recorded(first) == [("L1", 1), ("L2", 2), ("L2", 5), ("L3", 3), ("L4", 4), ("L4", 6)]
@@ -52,14 +52,14 @@ def test_answers_are_changed_until_they_are_confirmed(asked: Visit) -> None:
     ("how", "phase"),
     [
         (Left(), "waiting"),
-        (Disconnected(), "waiting"),
+        (ParticipantDisconnected(), "waiting"),
         (Command("skip"), "ready"),
         (Command("end"), "finished"),
     ],
     ids=["left", "disconnected", "skip", "end"],
 )
 def test_who_does_not_confirm_loses_nothing(
-    asked: Visit, how: Left | Disconnected | Command, phase: str
+    asked: Visit, how: Left | ParticipantDisconnected | Command, phase: str
 ) -> None:
     asked.answer(1, 2, 3, 4)
     asked.send(how)

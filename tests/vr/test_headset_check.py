@@ -10,8 +10,8 @@ from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.texts.interface_texts import included_languages, read_texts
 from avrgym.vr.headset_check import (
     fault_text,
-    faults,
-    is_ready,
+    find_headset_faults,
+    is_headset_ready,
     measurement_text,
     result_message,
     result_text,
@@ -49,10 +49,10 @@ def late(stage: str) -> Mapping[str, Mapping[str, float]]:
 
 
 def test_a_headset_without_faults_is_ready() -> None:
-    assert is_ready(READY)
+    assert is_headset_ready(READY)
     assert result_text(READY) == "Go: the headset is ready."
     for asked_nobody in (None, True):
-        assert is_ready(but(haptics=asked_nobody, sound=asked_nobody))
+        assert is_headset_ready(but(haptics=asked_nobody, sound=asked_nobody))
 
 
 FAULTS = [
@@ -79,8 +79,8 @@ ALL = [READY, *(check for check, *_ in FAULTS)]
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str, what_to_do: str) -> None:
-    assert len(faults(check)) == 1
-    assert not is_ready(check)
+    assert len(find_headset_faults(check)) == 1
+    assert not is_headset_ready(check)
     assert what in fault_text(check)
     assert what_to_do in fault_text(check)
     assert result_text(check) == f"No-go. {fault_text(check)}"
@@ -88,10 +88,10 @@ def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str
 
 def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
     bad = but(haptics=False, sound=False, dropped_share=0.2)
-    assert len(faults(bad)) == 3
+    assert len(find_headset_faults(bad)) == 3
     for texts in map(read_texts, included_languages()):
-        told, third = texts.render(result_message(bad, 2)), texts.render(faults(bad)[2])
-        assert all(texts.render(fault) in told for fault in faults(bad)[:2])
+        told, third = texts.render(result_message(bad, 2)), texts.render(find_headset_faults(bad)[2])
+        assert all(texts.render(fault) in told for fault in find_headset_faults(bad)[:2])
         assert "1" in told
         assert third not in told
         assert third in texts.render(result_message(bad, 3))
@@ -99,8 +99,8 @@ def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() 
 
 
 def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:
-    assert is_ready(but(left=TrackedPart("hand", 1.0, 4.0)))
-    assert not is_ready(but(left=TrackedPart("controller", 1.0, 4.0)))
+    assert is_headset_ready(but(left=TrackedPart("hand", 1.0, 4.0)))
+    assert not is_headset_ready(but(left=TrackedPart("controller", 1.0, 4.0)))
 
 
 def test_a_check_comes_back_from_where_it_is_stored_as_it_was() -> None:

@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace as replace_frame
 
 from avrgym.array_types import FloatArray
-from avrgym.vr.headset_check import fault_text, is_ready, measurement_text, result_text
+from avrgym.vr.headset_check import fault_text, is_headset_ready, measurement_text, result_text
 from avrgym.vr.latency import STAGES
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -28,12 +28,14 @@ from avrgym.vr.protocol.messages import (
     XRPose,
 )
 from avrgym.vr.session import events
-from avrgym.vr.session.headset_measuring import HeadsetMeasurement, dropped_share, jitter_mm
-from avrgym.vr.session.phases import phases_with
+from avrgym.vr.session.headset_measuring import HeadsetMeasurement, dropped_frame_share, jitter_mm
+from avrgym.vr.session.phases import phase_names_with
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.vr.visit import Visit, plan
 
-CHECKED = replace(plan(), headset_check=HeadsetCheckPlan(at_rest_s=1.2, stretched_s=0.3, moving_s=0.4))
+CHECKED = replace(
+    plan(), headset_check=HeadsetCheckPlan(rest_duration_s=1.2, stretch_duration_s=0.3, motion_duration_s=0.4)
+)
 FRAMES = HeadsetFrames("a browser", True, ["a-controller"], 90.0, [1000.0 / 90.0] * 90)
 LATENCY = Latency([1, 2], *[[2.0, 3.0]] * len(STAGES))
 
@@ -70,9 +72,11 @@ def test_nothing_seen_has_no_jitter() -> None:
 def test_a_frame_that_takes_as_long_as_three_has_dropped_two(display_hz: float | None) -> None:
     period_ms = 1000.0 / 90.0
     early_or_late = np.array([0.9, 1.1] * 48)
-    assert dropped_share(period_ms * early_or_late, display_hz) == 0.0
-    assert dropped_share(period_ms * np.append(early_or_late, [3.0, 1.0]), display_hz) == pytest.approx(0.02)
-    assert dropped_share(np.array([]), display_hz) == 0.0
+    assert dropped_frame_share(period_ms * early_or_late, display_hz) == 0.0
+    assert dropped_frame_share(period_ms * np.append(early_or_late, [3.0, 1.0]), display_hz) == pytest.approx(
+        0.02
+    )
+    assert dropped_frame_share(np.array([]), display_hz) == 0.0
 
 
 # What a session makes of it -------------------------------------------------------------------------------------
@@ -108,7 +112,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     visit.send(Entered())
     check(visit)
     result = next(each for each in visit.observed if isinstance(each, events.HeadsetChecked)).check
-    assert is_ready(result), result_text(result)
+    assert is_headset_ready(result), result_text(result)
     assert result.emulated
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
@@ -134,7 +138,7 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     visit = Visit(tmp_path, CHECKED)
     visit.send(Entered())
     measure(visit)
-    assert "headset_stop" in phases_with("can_be_stopped")
+    assert "headset_stop" in phase_names_with("can_be_stopped")
     visit.send(Command("stop"))
     assert visit.phase == "headset_stop"
     visit.tick(25)
@@ -144,7 +148,7 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert (result.stop, result.stop_after_s) == (way, pytest.approx(0.25, abs=0.02))
     assert f"{way} after 0." in measurement_text(result)
-    assert is_ready(result), result_text(result)
+    assert is_headset_ready(result), result_text(result)
 
 
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
@@ -157,7 +161,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
     assert result.stop == "none"
-    assert not is_ready(result)
+    assert not is_headset_ready(result)
     assert "did not try the stop" in visit.received(Phase)[-1].text
     visit.send(Ready())
     measure(visit)

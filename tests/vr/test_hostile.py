@@ -11,16 +11,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_authentication import hear, participant, tell
 
-from avrgym.study.dashboard.application import ACTIONS, dashboard_app
+from avrgym.study.dashboard.application import PARTICIPANT_ACTIONS, dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.server import connection_limits as gate_module
 from avrgym.vr.server.authentication import Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
-from avrgym.vr.server.http_protocols import MAX_FRAGMENTS
+from avrgym.vr.server.http_protocols import MAX_MESSAGE_FRAGMENTS
 from avrgym.vr.server.live_server import LiveServer
-from avrgym.vr.server.response_headers import headers
-from avrgym.vr.server.web_server import WebServer, listen
+from avrgym.vr.server.response_headers import security_headers
+from avrgym.vr.server.web_server import WebServer, open_listener
 from avrgym.vr.session.session import Session
 from helpers.studies.small_studies import make_study
 from helpers.system.paths import ROOT
@@ -38,7 +38,7 @@ HTTP_ROUTES = {
     "/study/participants/sub-001": ("experimenter",),
 }
 """What is read, and whose token it needs."""
-POSTED = ("/study/participants", *(f"/study/participants/sub-001/{name}" for name in ACTIONS))
+POSTED = ("/study/participants", *(f"/study/participants/sub-001/{name}" for name in PARTICIPANT_ACTIONS))
 SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}
 ROLES = ("participant", "experimenter", "spectator", None)
 ORIGINS = (
@@ -88,7 +88,7 @@ def field(name: str, value: str, port: int) -> bytes:
 def assert_guarded(answer: bytes, path: str = "") -> None:
     """It carries every header, and tells nothing of the inside."""
     given = response_headers(answer)
-    for name, value in headers(path).items():
+    for name, value in security_headers(path).items():
         assert name == "cache-control" or given[name] == value, name
     assert "cache-control" in given
     assert "server" not in given
@@ -307,7 +307,7 @@ def test_a_message_in_frames_without_end_is_cut_off(server: LiveServer[Session])
         connection.sendall(request(server.port, "/ws", UPGRADE))
         assert status(connection.recv(1 << 16)) == 101
         empty = b"\x00\x80\x00\x00\x00\x00"
-        connection.sendall(b"\x02" + empty[1:] + empty * (MAX_FRAGMENTS + 1))
+        connection.sendall(b"\x02" + empty[1:] + empty * (MAX_MESSAGE_FRAGMENTS + 1))
         answer = b""
         while more := connection.recv(1 << 16):
             answer += more
@@ -338,7 +338,7 @@ def failing() -> FastAPI:
 
 @pytest.mark.slow
 def test_a_failure_is_a_plain_500_and_one_line_without_words(caplog: pytest.LogCaptureFixture) -> None:
-    listener = listen("127.0.0.1", 0)
+    listener = open_listener("127.0.0.1", 0)
     port, web = listener.getsockname()[1], WebServer(failing(), ConnectionLimiter(listener, Tokens.new()))
     web.start()
     try:
@@ -373,8 +373,8 @@ SECURITY = (ROOT / "docs" / "explanation" / "security.md").read_text("utf-8")
 @pytest.mark.slow
 def test_the_page_lists_connection_limits() -> None:
     for name in (
-        "MAX_UNAUTHENTICATED",
-        "MAX_PER_ROLE",
+        "MAX_UNAUTHENTICATED_CONNECTIONS",
+        "MAX_CONNECTIONS_PER_ROLE",
         "TLS_TIMEOUT_S",
         "IDLE_TIMEOUT_S",
         "RESPONSE_TIMEOUT_S",

@@ -11,14 +11,14 @@ import pytest
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
-from avrgym.vr.protocol.webxr import is_valid
+from avrgym.vr.protocol.webxr import is_valid_pose
 from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.jumps import (
-    BODY_PARTS,
-    RECOVERY_TIME_S,
+    JUMP_RECOVERY_S,
     RETURN_SPEED_FRACTION,
-    LimbFilter,
-    min_duration_s,
+    TRACKED_BODY_PARTS,
+    PoseFilter,
+    min_travel_time_s,
 )
 from helpers.vr.teleporting_hands import IMPACT_N, PATTERNS, peak_force_n, random_pose_near
 from helpers.vr.visit import Visit, plan
@@ -30,60 +30,62 @@ FASTEST_FRAME_S = 1.0 / 120.0
 def towards(pose: XRPose, seconds: float, rng: np.random.Generator) -> XRPose:
     """A pose as far away as the fastest gets in so many seconds, or less far."""
     goal = random_pose_near(pose, rng, 1.0)
-    share = min(1.0, rng.uniform(0.0, 0.999) * seconds / min_duration_s(pose, goal))
+    share = min(1.0, rng.uniform(0.0, 0.999) * seconds / min_travel_time_s(pose, goal))
     turn = np.array(pose.orientation) * (1 - share) + share * np.array(goal.orientation) * np.sign(
         np.dot(pose.orientation, goal.orientation)
     )
     position = np.array(pose.position) * (1 - share) + share * np.array(goal.position)
     x, y, z = np.clip(position, -9.0, 9.0).tolist()
     nearer = XRPose((x, y, z), tuple((turn / np.linalg.norm(turn)).tolist()))
-    return nearer if min_duration_s(pose, nearer) < seconds else pose
+    return nearer if min_travel_time_s(pose, nearer) < seconds else pose
 
 
 def test_what_a_person_can_do_is_followed_exactly() -> None:
-    rng, limb, pose, now_s = np.random.default_rng(1), LimbFilter(), REST, 0.0
+    rng, limb, pose, now_s = np.random.default_rng(1), PoseFilter(), REST, 0.0
     for _ in range(5000):
         passed_s = float(rng.uniform(FASTEST_FRAME_S, 0.05))
         pose, now_s = towards(pose, passed_s, rng), now_s + passed_s
         limb.update(pose, now_s, now_s)
-        assert limb.follow(now_s) == pose
+        assert limb.filtered_pose(now_s) == pose
         assert not limb.deviates
 
 
 def test_a_jump_is_held_and_the_limb_comes_at_leisure() -> None:
-    limb, away = LimbFilter(), XRPose((0.3, 1.2, 0.0), REST.orientation)
+    limb, away = PoseFilter(), XRPose((0.3, 1.2, 0.0), REST.orientation)
     followed = []
     for tick in range(300):
         now_s = tick * TICK_S
         limb.update(REST if tick < 10 else away, now_s, now_s)
-        followed.append(limb.follow(now_s))
-    steps_s = [min_duration_s(one, other) for one, other in pairwise(followed)]
+        followed.append(limb.filtered_pose(now_s))
+    steps_s = [min_travel_time_s(one, other) for one, other in pairwise(followed)]
     moved = [tick for tick, step_s in enumerate(steps_s) if step_s > 0.0]
-    assert moved[0] == pytest.approx(10 + RECOVERY_TIME_S / TICK_S, abs=2)
+    assert moved[0] == pytest.approx(10 + JUMP_RECOVERY_S / TICK_S, abs=2)
     assert max(steps_s) == pytest.approx(RETURN_SPEED_FRACTION * TICK_S)
-    assert len(moved) == pytest.approx(min_duration_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2)
+    assert len(moved) == pytest.approx(
+        min_travel_time_s(REST, away) / (RETURN_SPEED_FRACTION * TICK_S), abs=2
+    )
     assert followed[-1] == away
     assert not limb.deviates
 
 
 def test_who_teleports_at_90_hz_moves_nothing() -> None:
     """Only a pose that happens to lie where the limb can have got is believed."""
-    rng, limb = np.random.default_rng(3), LimbFilter()
+    rng, limb = np.random.default_rng(3), PoseFilter()
     limb.update(REST, 0.0, 0.0)
-    assert limb.follow(0.0) == REST
+    assert limb.filtered_pose(0.0) == REST
     for frame in range(1, 9000):
         now_s = frame / 90.0
         limb.update(random_pose_near(REST, rng, 1.0), now_s, now_s)
-        assert limb.follow(now_s) == REST
+        assert limb.filtered_pose(now_s) == REST
 
 
 def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
     """Random mixtures of jumps, gaps, rests and movement."""
     rng = np.random.default_rng(4)
     for _ in range(200):
-        limb, pose, followed, followed_s = LimbFilter(), REST, REST, 0.0
+        limb, pose, followed, followed_s = PoseFilter(), REST, REST, 0.0
         limb.update(REST, 0.0, 0.0)
-        limb.follow(0.0)
+        limb.filtered_pose(0.0)
         for tick in range(1, 150):
             now_s = tick * TICK_S
             kind = rng.choice(["jump", "gap", "rest", "move"], p=[0.05, 0.2, 0.5, 0.25])
@@ -93,10 +95,10 @@ def test_no_sequence_of_poses_makes_a_limb_faster_than_the_fastest() -> None:
                 pose = towards(pose, TICK_S, rng)
             if kind != "gap":
                 limb.update(pose, now_s, now_s)
-            here = limb.follow(now_s)
-            assert is_valid(here)
+            here = limb.filtered_pose(now_s)
+            assert is_valid_pose(here)
             if here != followed:
-                assert min_duration_s(followed, here) <= now_s - followed_s + 1e-6
+                assert min_travel_time_s(followed, here) <= now_s - followed_s + 1e-6
             if kind != "gap":
                 followed, followed_s = here, now_s
 
@@ -137,7 +139,7 @@ def visit(tmp_path: Path) -> Iterator[Visit]:
 
 
 def frames(recording: Recording) -> list[TrackingFrame]:
-    return [record for _, record in recording.topics["/tracking"]]
+    return [record for _, record in recording.messages_by_topic["/tracking"]]
 
 
 def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> None:
@@ -152,9 +154,9 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
         visit.tick()
     visit.leave()
     (recording,) = visit.recordings()
-    events = [(event.name, event.detail) for _, event in recording.topics["/events"]]
+    events = [(event.name, event.detail) for _, event in recording.messages_by_topic["/events"]]
     assert ("pose_held", "left") in events
-    assert not {("pose_held", part) for part in BODY_PARTS if part != "left"} & set(events)
+    assert not {("pose_held", part) for part in TRACKED_BODY_PARTS if part != "left"} & set(events)
     assert all(each.applied and each.held_parts == ["left"] for each in frames(recording)[-20:])
 
 

@@ -10,10 +10,10 @@ import pytest
 from avrgym.recording.schema import Stream
 from avrgym.recording.streams import stream_quality, stream_sample_times
 from avrgym.safety.limits import BODY_REGIONS
-from avrgym.vr.lab_streaming.choice import StreamChoice
+from avrgym.vr.lab_streaming.choice import StreamSettings
 from avrgym.vr.protocol.messages import Entered, Ready, Status
 from avrgym.vr.session.events import StreamFound, StreamLost
-from helpers.vr.lab_streams import RATE_HZ, SENT_BODIES, Device, LiveVisit, lab_streams, pylsl
+from helpers.vr.lab_streams import RATE_HZ, SENT_BODIES, Device, LiveVisit, open_lab_streams, pylsl
 
 LOOPBACK_S = 0.002
 MARKERS = "AVR Gym events"
@@ -21,7 +21,7 @@ MARKERS = "AVR Gym events"
 
 def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
     """Before all others, whose streams have the same names."""
-    with lab_streams(StreamChoice(send=True)) as streams:
+    with open_lab_streams(StreamSettings(send=True)) as streams:
         visit = LiveVisit(tmp_path, streams)
         inlets = []
         for what in ("poses", "forces"):
@@ -45,11 +45,11 @@ def test_poses_and_forces_are_sent(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
     """A whole trial with a device whose stream vanishes and comes back, and our own events received as a stream."""
-    choice = StreamChoice(True, {"heart": "type='ECG' and name='Belt'", "own": f"name='{MARKERS}'"})
+    choice = StreamSettings(True, {"heart": "type='ECG' and name='Belt'", "own": f"name='{MARKERS}'"})
     belt = Device()
-    with lab_streams(choice) as streams:
+    with open_lab_streams(choice) as streams:
         visit = LiveVisit(tmp_path_factory.mktemp("recordings"), streams)
-        visit.run_live(lambda: all(streams.present.values()))
+        visit.run_live(lambda: all(streams.available.values()))
         visit.send(Entered())
         visit.run_live_until("calibration")
         soon = visit.now_s + 0.3
@@ -57,9 +57,9 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
         visit.send(Ready())
         visit.run_live_until("questionnaire")
         belt.turn_off()
-        visit.run_live(lambda: not streams.present["heart"])
+        visit.run_live(lambda: not streams.available["heart"])
         back = Device()
-        visit.run_live(lambda: streams.present["heart"])
+        visit.run_live(lambda: streams.available["heart"])
         soon = visit.now_s + 0.3
         visit.run_live(lambda: visit.now_s > soon)
         visit.answer(1, 2, 3, 4)
@@ -73,9 +73,11 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
 def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")
-    chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "heart"]
+    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream == "heart"]
     taken_s = np.concatenate([np.array(chunk.values)[:, 0] for chunk in chunks])
-    error_s = stream_sample_times(recording.topics, "heart").time_s + began_s + lived.began_s - taken_s
+    error_s = (
+        stream_sample_times(recording.messages_by_topic, "heart").time_s + began_s + lived.began_s - taken_s
+    )
     assert len(error_s) > RATE_HZ / 2
     assert np.abs(error_s).max() < LOOPBACK_S
     numbers = np.concatenate([np.array(chunk.values)[:, 1] for chunk in chunks])
@@ -85,7 +87,7 @@ def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
 
 
 def test_the_quality_of_time_stamps_is_measured(lived: LiveVisit) -> None:
-    heart, own = stream_quality(lived.recordings()[0].topics)
+    heart, own = stream_quality(lived.recordings()[0].messages_by_topic)
     assert (heart.stream, heart.kind, heart.rate_hz, heart.gaps) == ("heart", "ECG", RATE_HZ, 1)
     assert heart.jitter_ms is not None
     assert heart.jitter_ms < 1e3 * LOOPBACK_S
@@ -95,7 +97,7 @@ def test_the_quality_of_time_stamps_is_measured(lived: LiveVisit) -> None:
 
 def test_a_stream_is_described_before_its_samples(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
-    described = {stream.stream: stream for _, stream in recording.topics["/streams"]}
+    described = {stream.stream: stream for _, stream in recording.messages_by_topic["/streams"]}
     assert described["heart"] == Stream("heart", "Belt", "ECG", RATE_HZ, ["taken", "number"], ["s", ""])
     order = [(topic, record.stream) for topic, _, record in recording.messages if hasattr(record, "stream")]
     assert all(order.index(("/streams", name)) < order.index(("/samples", name)) for name in described)
@@ -107,7 +109,7 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
     ]
     heart = [kind for kind, name in told if name == "heart"]
     assert heart == [StreamFound, StreamLost, StreamFound]
-    recorded = [(event.name, event.detail) for _, event in lived.recordings()[0].topics["/events"]]
+    recorded = [(event.name, event.detail) for _, event in lived.recordings()[0].messages_by_topic["/events"]]
     assert [name for name, detail in recorded if detail == "heart"] == ["stream_lost", "stream_found"]
     assert "the stream heart is lost; the session continues without it" in lived.problems
     seen = {tuple((each.name, each.present) for each in status.streams) for status in lived.received(Status)}
@@ -116,12 +118,14 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
 
 def test_events_are_sent_with_the_times_of_the_recording(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
-    chunks = [chunk for _, chunk in recording.topics["/samples"] if chunk.stream == "own"]
+    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]
-    times_s = stream_sample_times(recording.topics, "own").time_s
+    times_s = stream_sample_times(recording.messages_by_topic, "own").time_s
     phases = [(time_s, each["phase"]) for time_s, each in zip(times_s, sent, strict=True) if "phase" in each]
     recorded = {
-        event.detail: time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == "phase"
+        event.detail: time_ns / 1e9
+        for time_ns, event in recording.messages_by_topic["/events"]
+        if event.name == "phase"
     }
     of_trial = [(time_s, phase) for time_s, phase in phases if phase in recorded]
     assert [time_s for time_s, _ in of_trial] == pytest.approx(

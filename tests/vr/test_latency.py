@@ -26,8 +26,8 @@ def state(followed: int) -> State:
 
 def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it() -> None:
     passage = FrameTimes()
-    passage.note_received(3)
-    passage.note_received(4)
+    passage.record_arrival(3)
+    passage.record_arrival(4)
     assert passage.newest_frame_times(state(-1), 0.0) is None
     passed = passage.newest_frame_times(state(4), 7.5)
     assert passed is not None
@@ -39,7 +39,7 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
 def test_frames_that_no_state_follows_are_forgotten() -> None:
     passage = FrameTimes()
     for sequence in range(3 * MAX_STORED_FRAMES):
-        passage.note_received(sequence)
+        passage.record_arrival(sequence)
     assert passage.newest_frame_times(state(0), 0.0) is None
     assert passage.newest_frame_times(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
     assert len(passage._received_s) < MAX_STORED_FRAMES
@@ -63,7 +63,7 @@ def test_latency_is_in_the_status_and_the_recording(tmp_path: Path) -> None:
     assert shown["draw_ms"].p99 == pytest.approx(45.0)
     visit.leave()
     (recording,) = visit.recordings()
-    assert [record for _, record in recording.topics["/latency"]] == [
+    assert [record for _, record in recording.messages_by_topic["/latency"]] == [
         Latency(*(getattr(told(10, draw_ms=45.0), name) for name in Latency.__struct_fields__))
     ]
 

@@ -9,8 +9,15 @@ import numpy as np
 import pytest
 
 from avrgym.vr.benchmark import live_latency
-from avrgym.vr.benchmark.cpu_steal import PRIORITY, CpuSteal, Span, has_no_overlap, merge_spans, overlap_s
-from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_vr
+from avrgym.vr.benchmark.cpu_steal import (
+    MONITOR_PRIORITY,
+    CpuStealMonitor,
+    TimeSpan,
+    merge_spans,
+    overlap_s,
+    overlaps_no_span,
+)
+from avrgym.vr.benchmark.live_latency import PERCENTILES, measure_live_latency
 from avrgym.vr.server.real_time_loop import LateTick
 
 
@@ -46,7 +53,7 @@ def test_stages_add_up_to_the_round_trip() -> None:
 
 @pytest.mark.slow
 def test_a_live_session_is_measured() -> None:
-    speed = measure_vr("avrgym/FeedingJaco-v1", 1.0)
+    speed = measure_live_latency("avrgym/FeedingJaco-v1", 1.0)
     assert speed.env == "avrgym/FeedingJaco-v1"
     assert speed.rate_hz > 0.0
     assert speed.stolen_s >= 0.0
@@ -64,7 +71,7 @@ def test_a_live_session_is_measured() -> None:
 def test_a_tick_is_late_by_itself_if_it_is_later_than_processors_stood_still() -> None:
     late = [LateTick(0.0, 0.014, 0), LateTick(0.01, 0.021, 0), LateTick(1.0, 1.015, 0)]
 
-    def by_themselves(*stood_still: Span) -> list[LateTick]:
+    def by_themselves(*stood_still: TimeSpan) -> list[LateTick]:
         return live_latency._late_running(late, list(stood_still))
 
     assert by_themselves() == late
@@ -83,25 +90,25 @@ def test_spans_of_several_processors_are_merged() -> None:
 def test_spans_outside_are_found() -> None:
     spans = [(1.0, 2.0), (3.0, 4.0)]
     began_s, ended_s = np.array([[0.0, 0.9], [0.5, 1.5], [1.2, 1.3], [2.1, 2.9], [2.1, 4.5], [4.1, 5.0]]).T
-    assert has_no_overlap(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
-    assert has_no_overlap([], began_s, ended_s).all()
+    assert overlaps_no_span(spans, began_s, ended_s).tolist() == [True, False, False, True, False, True]
+    assert overlaps_no_span([], began_s, ended_s).all()
 
 
 @pytest.mark.slow
 def test_a_process_that_goes_before_the_watch_stops_a_processor() -> None:
-    with CpuSteal() as watch:
+    with CpuStealMonitor() as watch:
         context = multiprocessing.get_context("spawn")
         process = context.Process(target=go_before_all, args=(0.3,))
         process.start()
         process.join()
-    if watch.spans is None:
+    if watch.steal_spans is None:
         pytest.skip("needs real-time priority: root, or a limit rtprio")
-    assert max(ended_s - began_s for began_s, ended_s in watch.spans) >= 0.25
+    assert max(ended_s - began_s for began_s, ended_s in watch.steal_spans) >= 0.25
 
 
 def go_before_all(seconds: float) -> None:
     with suppress(OSError):  # where that is not allowed there is no watch either
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY + 1))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(MONITOR_PRIORITY + 1))
     until_s = time.monotonic() + seconds
     while time.monotonic() < until_s:
         pass
@@ -109,7 +116,7 @@ def go_before_all(seconds: float) -> None:
 
 def test_an_unknown_environment_is_named() -> None:
     with pytest.raises(ValueError, match="unknown environment 'avrgym/Flying-v1'"):
-        measure_vr("avrgym/Flying-v1", 1.0)
+        measure_live_latency("avrgym/Flying-v1", 1.0)
 
 
 def _leave_at_once(*_: object) -> None:
@@ -120,4 +127,4 @@ def _leave_at_once(*_: object) -> None:
 def test_a_client_that_ends_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_latency, "run_client", _leave_at_once)
     with pytest.raises(RuntimeError, match="the client ended in phase waiting"):
-        measure_vr("avrgym/FeedingJaco-v1", 60.0)
+        measure_live_latency("avrgym/FeedingJaco-v1", 60.0)

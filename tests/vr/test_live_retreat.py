@@ -64,8 +64,8 @@ def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(t
     visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
-    assert len(recording.topics["/control"]) == STEPS
-    assert len(recording.topics["/commands"]) > STEPS + 20
+    assert len(recording.messages_by_topic["/control"]) == STEPS
+    assert len(recording.messages_by_topic["/commands"]) > STEPS + 20
     found = verify(recording)
     assert found.identical_states == found.states
     assert found.identical_steps == found.steps == STEPS
@@ -101,7 +101,7 @@ def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
-    assert "tracking_found" in [event.name for _, event in recording.topics["/events"]]
+    assert "tracking_found" in [event.name for _, event in recording.messages_by_topic["/events"]]
     assert verify(recording).identical
 
 

@@ -32,7 +32,7 @@ from websockets.uri import parse_uri
 from avrgym.models.human import Person
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.settings import Settings
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -122,7 +122,7 @@ class Client:
 
     def hello(self, **changed: Any) -> None:
         fields = {
-            "protocol": messages.PROTOCOL,
+            "protocol": messages.PROTOCOL_VERSION,
             "token": self._server.tokens.participant,
             "device": "test",
             "emulated": True,
@@ -134,7 +134,7 @@ class Client:
         if isinstance(message, Scene):
             self.send(SceneLoaded(url=message.url))
         if isinstance(message, StateChange) and self.tracked is not None:
-            self.send(self.tracked.frame(0.0, moving=False))
+            self.send(self.tracked.tracking_frame(0.0, moving=False))
         return message
 
     def await_message(self, kind: type[M], that: Callable[[M], bool] = lambda _: True) -> M:
@@ -183,10 +183,10 @@ def send_and_listen(client: Client, *sent: Message) -> None:
 
 def sit_down(client: Client) -> None:
     """Let the client's participant be measured; their trial begins."""
-    client.tracked = SimulatedParticipant(draw_traits("woman", 2), 2)
+    client.tracked = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
     client.send(Entered())
     client.await_message(Phase, lambda phase: phase.name == "calibration")
-    client.send(*(client.tracked.frame(0.0, moving=False) for _ in range(6)), Ready())
+    client.send(*(client.tracked.tracking_frame(0.0, moving=False) for _ in range(6)), Ready())
     client.await_message(Phase, lambda phase: phase.name == "check")
     client.send(Ready())
     client.await_message(Phase, lambda phase: phase.name == "trial")
@@ -301,7 +301,7 @@ def test_another_host_name_is_refused(server: LiveServer, host: str) -> None:
 def test_the_token_is_in_the_fragment_and_never_in_the_log(
     server: LiveServer, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert server.url == f"http://localhost:{server.port}/#token={server.tokens.participant}"
+    assert server.participant_url == f"http://localhost:{server.port}/#token={server.tokens.participant}"
     assert len(server.tokens.participant) >= 20
     get(server, "/scenes/0.glb", authorization=f"Bearer {server.tokens.participant}x")
     with Client(server) as client:
@@ -312,7 +312,7 @@ def test_the_token_is_in_the_fragment_and_never_in_the_log(
 
 # Who is let in -----------------------------------------------------------------------------------------------
 
-GOOD_HELLO = Hello(protocol=messages.PROTOCOL, token="?", device="test", emulated=True)
+GOOD_HELLO = Hello(protocol=messages.PROTOCOL_VERSION, token="?", device="test", emulated=True)
 
 
 @pytest.mark.parametrize(
@@ -332,11 +332,11 @@ def test_a_connection_without_hello_is_refused(server: LiveServer, first: Messag
         client.send(first)
         words, code, reason = client.refusal()
     assert code == 4400
-    assert words == reason == f"the first message must be a hello of protocol {messages.PROTOCOL}"
+    assert words == reason == f"the first message must be a hello of protocol {messages.PROTOCOL_VERSION}"
     assert server.session.phase == "waiting"
 
 
-@pytest.mark.parametrize("protocol", [0, messages.PROTOCOL - 1, messages.PROTOCOL + 1])
+@pytest.mark.parametrize("protocol", [0, messages.PROTOCOL_VERSION - 1, messages.PROTOCOL_VERSION + 1])
 def test_a_page_of_another_protocol_must_reload(server: LiveServer, protocol: int) -> None:
     with Client(server) as client:
         client.hello(protocol=protocol)
@@ -346,7 +346,7 @@ def test_a_page_of_another_protocol_must_reload(server: LiveServer, protocol: in
         words
         == reason
         == (
-            f"this page uses protocol {protocol}, the server protocol {messages.PROTOCOL}: "
+            f"this page uses protocol {protocol}, the server protocol {messages.PROTOCOL_VERSION}: "
             "reload the page to update it"
         )
     )
@@ -476,11 +476,11 @@ def test_a_too_large_message_closes_only_its_connection(server: LiveServer) -> N
 
 
 def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
-    person = SimulatedParticipant(draw_traits("woman", 2), 2)
+    person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
     rng = random.Random(7)
     with participant(server) as client:
         for _ in range(400):
-            sound = (person.frame(0.0, moving=True), Entered(), Ready(), Stop(), GOOD_HELLO)
+            sound = (person.tracking_frame(0.0, moving=True), Entered(), Ready(), Stop(), GOOD_HELLO)
             data = bytearray(messages.encode(rng.choice(sound)))
             for _ in range(rng.randint(1, 4)):
                 data[rng.randrange(len(data))] = rng.randrange(256)
@@ -491,8 +491,8 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
 
 @pytest.mark.parametrize("kind", ["frames", "entered"])
 def test_a_flooding_client_is_disconnected_with_the_reason(server: LiveServer, kind: str) -> None:
-    person = SimulatedParticipant(draw_traits("woman", 2), 2)
-    frame = person.frame(0.0, moving=False)
+    person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
+    frame = person.tracking_frame(0.0, moving=False)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     with participant(server) as client:
         flood = (
@@ -518,11 +518,11 @@ def test_a_client_that_does_not_listen_is_not_remembered_for_ever() -> None:
         outbox.push(Problem(message="before the welcome"))
         outbox.push(state_of(0))
         outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
-        first = await outbox.next()
+        first = await outbox.next_message()
         for i in range(10_000):
             outbox.push(Problem(message=str(i)))
             outbox.push(state_of(i))
-        rest = [await outbox.next() for _ in range(broadcast.MAX_OUTBOX_MESSAGES + 1)]
+        rest = [await outbox.next_message() for _ in range(broadcast.MAX_OUTBOX_MESSAGES + 1)]
         return [first, *rest[-2:]], len(rest)
 
     (first, problem, state), _ = asyncio.run(push())
@@ -545,12 +545,12 @@ def test_a_slow_client_receives_the_newest_state(takes: int) -> None:
     async def run() -> None:
         outbox, on_the_way, received = broadcast.Outbox(), list[int](), 0
         outbox.push(Welcome(protocol=1, session="x", role="participant", haptics=True, sounds=True))
-        await outbox.next()
+        await outbox.next_message()
         for made in range(5000):
             outbox.push(state_of(made))
             with suppress(TimeoutError):
                 async with asyncio.timeout(0):
-                    state = await outbox.next()
+                    state = await outbox.next_message()
                     assert isinstance(state, State)
                     assert state.sequence == made
                     on_the_way.append(made)
@@ -558,7 +558,7 @@ def test_a_slow_client_receives_the_newest_state(takes: int) -> None:
                 assert made - on_the_way.pop(0) <= most_behind
                 received += 1
                 if received % messages.STATES_PER_RECEIPT == 0:
-                    outbox.receipt(received)
+                    outbox.acknowledge_states(received)
             assert len(on_the_way) <= messages.MAX_UNACKNOWLEDGED_STATES
 
     asyncio.run(run())
@@ -598,7 +598,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
     assert recorded.complete
     assert recorded.outcome is not None
     assert recorded.outcome.result == "interrupted"
-    last, event = recorded.topics["/physics"][-1], recorded.topics["/events"][-1]
+    last, event = recorded.messages_by_topic["/physics"][-1], recorded.messages_by_topic["/events"][-1]
     assert event[1].name == "robot_holds"
     assert event[0] == last[0]
 
@@ -621,7 +621,9 @@ def speak_and_fall_silent(server: LiveServer, raw: socket.socket) -> None:
     raw.sendall(b"".join(protocol.data_to_send()))
     protocol.receive_data(raw.recv(4096))
     list(protocol.events_received())
-    hello = Hello(protocol=messages.PROTOCOL, token=server.tokens.participant, device="", emulated=True)
+    hello = Hello(
+        protocol=messages.PROTOCOL_VERSION, token=server.tokens.participant, device="", emulated=True
+    )
     protocol.send_binary(messages.encode(hello))
     raw.sendall(b"".join(protocol.data_to_send()))
     raw.recv(4096)
@@ -656,7 +658,7 @@ class Rendering:
         self.pools = 0
         self.failure: Exception | None = None
         monkeypatch.setattr(rendering_module, "export_scene", self._render)
-        monkeypatch.setattr(rendering_module, "export_process", self._make)
+        monkeypatch.setattr(rendering_module, "make_export_pool", self._make)
 
     def _make(self) -> ThreadPoolExecutor:
         self.pools += 1
@@ -679,7 +681,7 @@ def ask(*numbers: int, exporter: SceneExporter) -> list[bytes | BaseException]:
     """Request scenes concurrently."""
 
     async def gather() -> list[bytes | BaseException]:
-        asked = [exporter.glb(number, str(number), Person()) for number in numbers]
+        asked = [exporter.wait_for_glb(number, str(number), Person()) for number in numbers]
         return await asyncio.gather(*asked, return_exceptions=True)
 
     return asyncio.run(gather())

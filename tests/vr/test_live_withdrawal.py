@@ -5,13 +5,13 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.policies.names import OPERATOR
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control
 from avrgym.replay.verification import verify
 from avrgym.safety.force_guard import INTERVENTION_EVENT
-from avrgym.safety.withdrawal import SETTLING_TIME_S, WITHDRAWAL, WITHDRAWAL_EVENT
-from avrgym.study.design.design import DesignError, default_text, parse_design
+from avrgym.safety.withdrawal import SETTLING_TIME_S, WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT
+from avrgym.study.design.design import DesignError, default_design_text, parse_design
 from avrgym.study.sessions.visit import plan_session
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Status
@@ -41,11 +41,11 @@ def trial(folder: Path, *, withdraws: bool, policy: str = "revised") -> tuple[Re
 
 
 def steps_of(recording: Recording) -> list[Control]:
-    return [step for _, step in recording.topics["/control"]]
+    return [step for _, step in recording.messages_by_topic["/control"]]
 
 
 def times(recording: Recording, name: str) -> list[float]:
-    return [time_ns / 1e9 for time_ns, event in recording.topics["/events"] if event.name == name]
+    return [time_ns / 1e9 for time_ns, event in recording.messages_by_topic["/events"] if event.name == name]
 
 
 @pytest.mark.slow
@@ -54,10 +54,10 @@ def test_the_robot_withdraws_waits_and_replays(tmp_path: Path) -> None:
     steps = steps_of(recording)
     first = next(number for number, step in enumerate(steps) if step.success)
     drivers = [step.driver for step in steps]
-    begins = drivers.index(WITHDRAWAL)
+    begins = drivers.index(WITHDRAWAL_DRIVER)
     assert begins > first + 10 * SETTLING_TIME_S
     assert set(drivers[:begins]) == {"revised"}
-    assert set(drivers[begins:]) == {WITHDRAWAL}
+    assert set(drivers[begins:]) == {WITHDRAWAL_DRIVER}
     assert all(step.force_on_person_n == 0.0 for step in steps[begins + 20 :])
     (began_s,) = times(recording, WITHDRAWAL_EVENT)
     assert not [time_s for time_s in times(recording, INTERVENTION_EVENT) if time_s > began_s + 1.0]
@@ -83,7 +83,7 @@ def test_without_it_the_policy_goes_on(tmp_path: Path) -> None:
 
 
 def test_a_robot_that_an_operator_drives_does_not_withdraw(tmp_path: Path) -> None:
-    session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR, 3, practice=False)])
+    session = replace(plan(), trials=[TrialPlan(ENVIRONMENT, OPERATOR_POLICY, 3, practice=False)])
     visit = Visit(tmp_path, session, load_policies(session))
     visit.calibrate()
     visit.run_until("trial")
@@ -92,10 +92,10 @@ def test_a_robot_that_an_operator_drives_does_not_withdraw(tmp_path: Path) -> No
 
 
 def test_new_studies_withdraw_and_those_that_do_not_say_go_on(tmp_path: Path) -> None:
-    assert parse_design(default_text()).withdraw_after_success
-    assert not parse_design(default_text().replace(LINE, "")).withdraw_after_success
+    assert parse_design(default_design_text()).withdraw_after_success
+    assert not parse_design(default_design_text().replace(LINE, "")).withdraw_after_success
     with pytest.raises(DesignError, match="withdraw_after_success"):
-        parse_design(default_text().replace(LINE, 'withdraw_after_success = "yes"\n'))
+        parse_design(default_design_text().replace(LINE, 'withdraw_after_success = "yes"\n'))
 
 
 @pytest.mark.parametrize("withdraws", [True, False])

@@ -49,12 +49,12 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
     rest_rad = TASKS[task].pose.rest_rad
     person = Person("woman", 0.56, rest_rad)
     world = LiveWorld(environment, person)
-    lifted = human.joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
+    lifted = human.seated_joint_angles(waist_x=4, head_x=10, right_shoulder_y=15, left_shoulder_y=-15)
     wanted = pose_of(person, world.scene_config.posture, lifted)
     for _ in range(SETTLED_TICKS):
-        world.follow(wanted)
+        world.follow_pose(wanted)
         world.tick(None)
-    reached = pose_of(person, world.scene_config.posture, world.simulation.person_angles_rad()[0])
+    reached = pose_of(person, world.scene_config.posture, world.simulation.person_joint_angles_rad()[0])
     followed = [(reached.head, wanted.head), (reached.left, wanted.left)]
     if TASKS[task].strength_share is None:
         followed.append((reached.right, wanted.right))
@@ -67,11 +67,13 @@ def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> 
 
 def test_a_lost_hand_keeps_its_pose() -> None:
     world = LiveWorld("avrgym/ScratchItchJaco-v1", Person())
-    raised = pose_of(world.person, world.scene_config.posture, human.joint_angles(right_shoulder_x=-40))
+    raised = pose_of(
+        world.person, world.scene_config.posture, human.seated_joint_angles(right_shoulder_x=-40)
+    )
     for _ in range(SETTLED_TICKS):
-        world.follow(raised)
+        world.follow_pose(raised)
     before = world.joint_targets_rad
-    world.follow(BodyPose(raised.head, raised.left, None))
+    world.follow_pose(BodyPose(raised.head, raised.left, None))
     right = [i for i, name in enumerate(human.JOINTS) if name.startswith("right_")]
     np.testing.assert_array_equal(world.joint_targets_rad[right], before[right])
 
@@ -82,7 +84,7 @@ def test_a_policys_chance_comes_from_the_seed_of_the_trial() -> None:
 
     def actions(seed: int) -> list[np.ndarray]:
         world.reset(seed)
-        world.prepare(driver)
+        world.prepare_driver(driver)
         steps = (world.tick(driver) for _ in range(30))
         return [step.action for step in steps if step is not None]
 

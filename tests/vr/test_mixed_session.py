@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from avrgym.models import human
-from avrgym.models.human import SEATED_RAD
+from avrgym.models.human import SEATED_POSE_RAD
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
@@ -21,10 +21,10 @@ from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
     CorrectTorsoHeight,
-    Disconnected,
     Entered,
     Feedback,
     Left,
+    ParticipantDisconnected,
     Ready,
     Recalibrate,
     Scene,
@@ -36,7 +36,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.protocol.state_encoding import StateDecoder, StateEncoder
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session import trial_worlds
-from avrgym.vr.session.plan import SessionPlan, trials_with_practice
+from avrgym.vr.session.plan import SessionPlan, plan_trials_with_practice
 from avrgym.vr.session.session import Session
 from helpers.simulation.initial_states import HAND_AT_ROBOT_RAD
 from helpers.vr.visit import Visit, constant_policies, plan
@@ -96,8 +96,8 @@ def check_states_fit_their_scenes(session: Visit) -> None:
     for message in session.inbox:
         if isinstance(message, Scene):
             rows = len(message.bodies) + message.marks
-            encoder.begin_scene()
-            decoder.begin_scene()
+            encoder.reset()
+            decoder.reset()
         elif isinstance(message, State) and rows:
             assert len(decoder.decode(encoder.encode(message)).poses) == rows * 7 * 4
 
@@ -200,15 +200,15 @@ def test_no_world_begins_with_the_robot_in_the_participant(visit: Callable[..., 
     session.run_until("paused")
     assert "the robot has no collision-free start" in session.problems[-1]
     assert "the person's right" in session.problems[-1]
-    session.pose_rad = SEATED_RAD
+    session.pose_rad = SEATED_POSE_RAD
     session.tick(300)
     session.send(Ready())
     session.run_until("trial")
-    assert session.session.trial == 1
+    assert session.session.trial_index == 1
 
 
 def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
-    trials = trials_with_practice([FEEDING, SCRATCHING], "drive", trials=1, seed=7)
+    trials = plan_trials_with_practice([FEEDING, SCRATCHING], "drive", trials=1, seed=7)
     assert [(t.environment, t.seed, t.practice) for t in trials] == [
         (FEEDING, 7, True), (FEEDING, 8, False), (SCRATCHING, 9, True), (SCRATCHING, 10, False)
     ]  # fmt: skip
@@ -228,7 +228,7 @@ def test_a_session_may_begin_with_a_later_trial(tmp_path: Path) -> None:
 
 def test_the_observer_is_told_all_in_order(visit: Callable[..., Visit]) -> None:
     session = visit(seeds=(1,))
-    session.session.welcome(session.inbox.append, "participant", 0.0)
+    session.session.send_initial_state(session.inbox.append, "participant", 0.0)
     session.go_to("questionnaire")
     session.answer(7, 6, 5, 4)
     names = [
@@ -256,7 +256,7 @@ def test_the_observer_is_told_of_losses(visit: Callable[..., Visit]) -> None:
     session.tick(40)
     session.tracking = True
     session.tick(10)
-    session.send(Disconnected())
+    session.send(ParticipantDisconnected())
     names = [type(each).__name__ for each in session.observed]
     assert names.count("TrackingLost") == names.count("TrackingFound") == names.count("ConnectionLost") == 1
     assert happened(session, session_events.TrialEnded)[0].result == "interrupted"
@@ -380,7 +380,7 @@ def test_a_wrong_measure_is_taken_again(visit: Callable[..., Visit], who: str) -
     assert session.phase == "calibration"
     session.tracking = False
     for number in range(10_000, 10_020):
-        frame = session.participant.frame(session.now_s, moving=False)
+        frame = session.participant.tracking_frame(session.now_s, moving=False)
         session.send(msgspec.structs.replace(frame, sequence=number))
         session.tick()
     session.send(Ready())
@@ -438,7 +438,7 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
     """The tool is put onto one hand after the other."""
     world = LiveWorld(FEEDING, human.Person())
     touch, simulation = ArmContactMonitor(world.simulation), world.simulation
-    assert touch.sides() == (False, False)
+    assert touch.touched_sides() == (False, False)
     model = simulation.batch.get_model(0)
     base = model.body("robot/" + world.scene_config.robot.base).id
     body_pos, _ = simulation.batch.expand("body_pos"), None
@@ -446,7 +446,7 @@ def test_touches_are_felt_on_the_arm_that_is_touched() -> None:
         poses = dict(zip(simulation.bodies, simulation.body_poses(0), strict=True))
         body_pos[0, base] += poses[f"person/{side}_hand"][:3] - poses["robot/tool"][:3]
         simulation.batch.forward([0])
-        assert touch.sides() == felt
+        assert touch.touched_sides() == felt
 
 
 def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], monkeypatch) -> None:
@@ -454,7 +454,7 @@ def test_feedback_is_told_when_something_changes(visit: Callable[..., Visit], mo
     session.go_to("free_before")
     told = len(session.received(Feedback))
     with monkeypatch.context() as touched:
-        touched.setattr(ArmContactMonitor, "sides", lambda self: (True, False))
+        touched.setattr(ArmContactMonitor, "touched_sides", lambda self: (True, False))
         session.tick(40)
     session.tick(40)
     assert session.received(Feedback)[told:] == [Feedback(True, False, 0), Feedback(False, False, 0)]

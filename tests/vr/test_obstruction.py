@@ -10,13 +10,13 @@ from test_live_world import pose_of
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.human import Person
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
-from avrgym.vr.live_world.obstruction import OBSTRUCTED_M, ObstructionMonitor
+from avrgym.vr.live_world.obstruction import OBSTRUCTED_DISPLACEMENT_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, State
 from avrgym.vr.tracking.body import RELAXED_ANGLES_RAD, BodyPose
-from avrgym.vr.tracking.jumps import BODY_PARTS
+from avrgym.vr.tracking.jumps import TRACKED_BODY_PARTS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
 
 NEAR_M = 0.01
@@ -38,9 +38,9 @@ class Sitting:
         """Go on for a tick towards a place of the right hand's centre; what is held back."""
         assert self.rest.right is not None
         pose = BodyPose(self.rest.head, self.rest.left, replace(self.rest.right, pos_w=hand_w))
-        self.world.follow(pose)
+        self.world.follow_pose(pose)
         self.world.tick(driver)
-        return self.obstruction.parts()
+        return self.obstruction.obstructed_parts()
 
     def hand_w(self, side: str = "right") -> np.ndarray:
         """Where the centre of a simulated hand is."""
@@ -49,7 +49,7 @@ class Sitting:
 
     def tool_w(self) -> np.ndarray:
         """Where the robot's tool is."""
-        return self._pose(TOOL)[:3]
+        return self._pose(SCENE_TOOL_BODY)[:3]
 
     def robot_w(self) -> np.ndarray:
         """Where the part of the robot is that is nearest to the right hand."""
@@ -99,21 +99,21 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
     for share in np.linspace(0.0, 1.0, 100):
         sitting.reach(sitting.start_w + share * (before_tool_w - sitting.start_w))
     operator = OperatorDriver()
-    sitting.world.prepare(operator)
+    sitting.world.prepare_driver(operator)
     held = [sitting.reach(before_tool_w, operator) for _ in range(50)]
     for tick in range(300):
         way_w = sitting.hand_w() - sitting.tool_w()
-        operator.drive(0.5 * transforms.normalize(way_w), np.zeros(3), tick * TICK_S)
+        operator.command_velocity(0.5 * transforms.normalize(way_w), np.zeros(3), tick * TICK_S)
         held.append(sitting.reach(before_tool_w, operator))
     assert held[:50] == [()] * 50
     assert "right" in held[-1]
-    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > OBSTRUCTED_M
+    assert np.linalg.norm(sitting.hand_w() - before_tool_w) > OBSTRUCTED_DISPLACEMENT_M
 
 
 def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(free_movement_s=5.0))
     visit.tick(20)
-    assert visit.received(State)[-1].deviating_parts == list(BODY_PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(TRACKED_BODY_PARTS)
     visit.go_to("free_before")
     visit.tick(30)
     state = visit.received(State)[-1]
@@ -123,4 +123,4 @@ def test_a_body_is_held_back_that_is_not_tracked(tmp_path: Path) -> None:
     )
     visit.tracking = False
     visit.tick(30)
-    assert visit.received(State)[-1].deviating_parts == list(BODY_PARTS)
+    assert visit.received(State)[-1].deviating_parts == list(TRACKED_BODY_PARTS)

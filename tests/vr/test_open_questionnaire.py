@@ -11,10 +11,10 @@ from avrgym.vr.protocol.messages import (
     Answer,
     Back,
     Command,
-    Disconnected,
     Entered,
     Left,
     OriginReset,
+    ParticipantDisconnected,
     Phase,
     Question,
     Ready,
@@ -39,21 +39,21 @@ def result(recording: Recording) -> str | None:
 
 
 def recorded(recording: Recording) -> list[tuple[str, int]]:
-    return [(answer.item, answer.value) for _, answer in recording.topics["/answers"]]
+    return [(answer.item, answer.value) for _, answer in recording.messages_by_topic["/answers"]]
 
 
 def blink(visit: Visit) -> None:
     """The connection breaks, and the page comes back by itself."""
-    visit.send(Disconnected())
+    visit.send(ParticipantDisconnected())
     visit.tick(300)
-    visit.session.welcome(visit.inbox.append, "participant", visit.now_s)
+    visit.session.send_initial_state(visit.inbox.append, "participant", visit.now_s)
     visit.send(Entered())
 
 
 def reload(visit: Visit) -> None:
     """The page is reloaded, perhaps in another browser, and nobody enters VR."""
-    visit.send(Disconnected())
-    visit.session.welcome(visit.inbox.append, "participant", visit.now_s)
+    visit.send(ParticipantDisconnected())
+    visit.session.send_initial_state(visit.inbox.append, "participant", visit.now_s)
 
 
 def take_off(visit: Visit) -> None:
@@ -82,7 +82,7 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     assert (result(recording), recording.complete) == ("completed", True)
     assert dict(recorded(recording)) == {"L1": 1, "L2": 5, "L3": 3, "L4": 4}
     assert [each.result for each in visit.observed if isinstance(each, events.TrialEnded)] == ["completed"]
-    assert visit.session.trial == 1
+    assert visit.session.trial_index == 1
     if happens is not blink and happens is not recentre:
         visit.tick(50)
         assert visit.phase == "waiting"
@@ -114,9 +114,9 @@ def test_the_questions_come_when_somebody_goes_before_them(
 def test_after_practice_nobody_is_asked(tmp_path: Path) -> None:
     visit = Visit(tmp_path, plan(seeds=(3, 4), practice=True, free_movement_s=1.0))
     visit.go_to("free_after")
-    visit.send(Disconnected())
+    visit.send(ParticipantDisconnected())
     visit.tick(5)
-    assert (visit.phase, visit.session.trial) == ("waiting", 1)
+    assert (visit.phase, visit.session.trial_index) == ("waiting", 1)
     assert [result(each) for each in visit.recordings()] == ["completed"]
 
 
@@ -132,7 +132,7 @@ def test_who_skips_the_questions_goes_on_without_answers(tmp_path: Path) -> None
     visit = asked(tmp_path)
     visit.send(Command("skip"))
     visit.tick(5)
-    assert visit.session.trial == 1
+    assert visit.session.trial_index == 1
     (left,) = (each for each in visit.observed if isinstance(each, events.QuestionsLeft))
     assert left.items == ("L3", "L4")
     assert not any(isinstance(each, events.TrialSkipped) for each in visit.observed)

@@ -13,13 +13,17 @@ from playwright.sync_api import expect, sync_playwright
 
 from avrgym.geometry.kinematics import jacobian
 from avrgym.models import robot
-from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S, CartesianController
+from avrgym.policies.cartesian_control import (
+    HAND_ANGULAR_SPEED_LIMIT_RAD_S,
+    HAND_SPEED_LIMIT_M_S,
+    CartesianController,
+)
 from avrgym.replay.verification import verify
 from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.storage.store import Store
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.live_world.drivers import OPERATOR_TIMEOUT_S
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, Drive, Entered, Problem, Ready, SceneLoaded, Status
@@ -64,8 +68,8 @@ def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -
             assert np.abs(action).max() <= 1.0 + 1e-12
             j = jacobian(hand.chain, episodes.simulation.joint_positions())[2][0]
             velocity = j @ (action * episodes.scene.arm.speed_limit)
-            assert np.linalg.norm(velocity[:3]) <= SPEED_LIMIT_M_S + 1e-9
-            assert np.linalg.norm(velocity[3:]) <= TURN_LIMIT_RAD_S + 1e-9
+            assert np.linalg.norm(velocity[:3]) <= HAND_SPEED_LIMIT_M_S + 1e-9
+            assert np.linalg.norm(velocity[3:]) <= HAND_ANGULAR_SPEED_LIMIT_RAD_S + 1e-9
             episodes.step(action[None])
 
 
@@ -86,7 +90,7 @@ def test_the_hand_goes_where_the_operator_says(
         visit.tick(5)
     moved = hand_pos_w(visit.session.world) - before
     along = float(moved @ np.array(direction_w)) * way
-    assert 0.01 < along < SPEED_LIMIT_M_S * 0.2
+    assert 0.01 < along < HAND_SPEED_LIMIT_M_S * 0.2
     assert np.linalg.norm(moved - along * way * np.array(direction_w)) < 0.3 * along
 
 
@@ -105,12 +109,14 @@ def test_who_lets_go_or_falls_silent_holds_the_robot_and_every_step_says_who_dro
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
-    steps = [step for _, step in recording.topics["/control"]]
+    steps = [step for _, step in recording.messages_by_topic["/control"]]
     assert {step.driver for step in steps} == {"operator"}
     assert [step.idle for step in steps[5:9]] == [True] * 4
     assert not any(step.idle for step in steps[1:4])
-    driven = [time_ns for time_ns, command in recording.topics["/commands"] if any(command.action)]
-    stopped = [time_ns for time_ns, command in recording.topics["/commands"] if not any(command.action)]
+    driven = [time_ns for time_ns, command in recording.messages_by_topic["/commands"] if any(command.action)]
+    stopped = [
+        time_ns for time_ns, command in recording.messages_by_topic["/commands"] if not any(command.action)
+    ]
     last = max(driven)
     assert (min(time_ns for time_ns in stopped if time_ns > last) - last) / 1e9 <= 0.1 + TICK_S
     told = min(time_ns for time_ns in driven if time_ns > stopped[1])
@@ -161,17 +167,21 @@ def at_rest(world: LiveWorld) -> np.ndarray:
 @contextmanager
 def attended(server: LiveServer[Session]) -> Iterator[None]:
     """Somebody takes part in a server's session, in this process."""
-    participant, over = SimulatedParticipant(draw_traits("woman", 1), 1), threading.Event()
+    participant, over = SimulatedParticipant(sample_participant_traits("woman", 1), 1), threading.Event()
     session, post = server.session, server.loop.post
 
     def attend() -> None:
         post(Entered())
         began_s = time.monotonic()
         while not over.wait(0.02):
-            post(participant.frame(time.monotonic() - began_s, moving=session.phase != "calibration"))
-            if session.phase == "loading":
+            post(
+                participant.tracking_frame(
+                    time.monotonic() - began_s, moving=session.phase_name != "calibration"
+                )
+            )
+            if session.phase_name == "loading":
                 post(SceneLoaded(url=f"/scenes/{len(session.scenes) - 1}.glb"))
-            if session.phase in ("calibration", "check") and time.monotonic() - began_s > 1.0:
+            if session.phase_name in ("calibration", "check") and time.monotonic() - began_s > 1.0:
                 post(Ready())
 
     participant.adopt_posture(session.world.environment_id)
@@ -200,7 +210,7 @@ def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Pat
     ):
         browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
         page = browser.new_page()
-        page.goto(server.urls("dashboard", server.tokens.experimenter)[0])
+        page.goto(server.page_urls("dashboard", server.tokens.experimenter)[0])
         with attended(server):
             panel, words = page.get_by_role("group", name="Drive the robot"), page.locator("#drive-words")
             expect(panel).to_be_visible(timeout=PATIENCE_MS)
@@ -217,5 +227,5 @@ def test_an_experimenter_drives_with_the_keyboard_in_the_dashboard(tmp_path: Pat
             page.keyboard.up("Space")
             expect(words).to_have_text("The robot holds still.", timeout=PATIENCE_MS)
             assert at_rest(world)[2] > before[2] + 0.01
-            assert server.session.phase == "trial", "K skips no trial while the hand is driven"
+            assert server.session.phase_name == "trial", "K skips no trial while the hand is driven"
         browser.close()

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, FloatRect, Locator, Page
 from avrgym.models.human import SKIN_TONES
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.vr.protocol.messages import (
-    PROTOCOL,
+    PROTOCOL_VERSION,
     Body,
     CommandLabel,
     Message,
@@ -62,7 +62,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
 
 
 def welcome(role: Role) -> Welcome:
-    return Welcome(protocol=PROTOCOL, session="s", role=role, haptics=True, sounds=True)
+    return Welcome(protocol=PROTOCOL_VERSION, session="s", role=role, haptics=True, sounds=True)
 
 
 def stage(

@@ -13,7 +13,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Input, Offered, Press, Pressed, Target, Targets, Tracking
 from avrgym.vr.session import events
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE
+from avrgym.vr.tracking.body import ARM_JOINT_INDICES
 from helpers.vr.visit import Visit, plan
 
 SCRATCH = "avrgym/ScratchItchJaco-v1"
@@ -46,12 +46,14 @@ def test_untracked_arms_rest_without_events_where_the_profile_needs_none(tmp_pat
     lost = (events.TrackingLost, events.TrackingTimedOut)
     assert not [each for each in visit.observed if isinstance(each, lost)]
     visit.tick(400)
-    joints = ARM_JOINTS_BY_SIDE["left"] + ARM_JOINTS_BY_SIDE["right"]
+    joints = ARM_JOINT_INDICES["left"] + ARM_JOINT_INDICES["right"]
     rest = TASKS["ScratchItch"].pose.rest_rad
     np.testing.assert_allclose(visit.session.world.joint_targets_rad[joints], rest[joints], atol=1e-9)
     (recording,) = visit.recordings()
     assert recording.configuration.input_profile == profile
-    assert not {"tracking_lost", "pose_held"} & {event.name for _, event in recording.topics["/events"]}
+    assert not {"tracking_lost", "pose_held"} & {
+        event.name for _, event in recording.messages_by_topic["/events"]
+    }
 
 
 @pytest.mark.slow
@@ -69,7 +71,7 @@ def test_the_profile_may_change_during_a_trial(tmp_path: Path) -> None:
     (recording,) = visit.recordings()
     assert recording.configuration.input_profile == InputProfile()
     assert ("input_changed", profile.describe()) in [
-        (event.name, event.detail) for _, event in recording.topics["/events"]
+        (event.name, event.detail) for _, event in recording.messages_by_topic["/events"]
     ]
 
 
@@ -79,7 +81,7 @@ def test_the_experimenter_selects_only_for_a_participant_with_that_profile(tmp_p
     visit.send(offer, Press(3, -4))
     assert visit.received(Targets) == [Targets(3, offer.targets)]
     assert visit.received(Pressed) == [Pressed(3, -4)]
-    visit.session.welcome(visit.receive, "experimenter", visit.now_s)
+    visit.session.send_initial_state(visit.receive, "experimenter", visit.now_s)
     assert len(visit.received(Targets)) == 2
     visit.session.change_input(InputProfile("head"), visit.now_s)
     visit.send(Press(3, -4))
@@ -89,7 +91,7 @@ def test_the_experimenter_selects_only_for_a_participant_with_that_profile(tmp_p
 
 @pytest.mark.slow
 def test_a_stop_by_the_experimenter_is_the_stop_of_some_profiles(tmp_path: Path) -> None:
-    check = HeadsetCheckPlan(at_rest_s=0.1, stretched_s=0.1, moving_s=0.1)
+    check = HeadsetCheckPlan(rest_duration_s=0.1, stretch_duration_s=0.1, motion_duration_s=0.1)
     for profile, phase in (
         (InputProfile("head"), "headset_stop"),
         (InputProfile("experimenter"), "headset_check"),

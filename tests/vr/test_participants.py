@@ -13,22 +13,26 @@ from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import JOINT_INDEX, RECLINED, SEATED, SEXES, Person, Sex
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.networks.policy import Policy
 from avrgym.people.distributions import find_distribution
-from avrgym.people.population_names import IMPAIRMENTS, Impairment
-from avrgym.people.zoo.partner_behaviour import SPEED_RAD_S
+from avrgym.people.population_names import IMPAIRMENTS, ImpairmentName
+from avrgym.people.zoo.partner_behaviour import MAX_JOINT_SPEED_RAD_S
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import read_recording
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment
 from avrgym.vr.emulation.in_process_client import STATE_INTERVAL_TICKS, InProcessClient
-from avrgym.vr.emulation.simulated_participant import RATINGS, SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import (
+    RATING_RULES,
+    SimulatedParticipant,
+    sample_participant_traits,
+)
 from avrgym.vr.live_world.scene_message import poses as world_poses
 from avrgym.vr.live_world.scene_message import scene_message
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import Sent, State, Tracking, XRPose, decode_client, encode
-from avrgym.vr.protocol.webxr import Registration, is_valid
+from avrgym.vr.protocol.messages import SentMessage, State, Tracking, XRPose, decode_client, encode
+from avrgym.vr.protocol.webxr import Registration, is_valid_pose
 from avrgym.vr.session.attempt import AttemptResults
 from avrgym.vr.session.session import Session
 from avrgym.vr.tracking.calibration import measure_torso_height
@@ -39,7 +43,7 @@ FEEDING, BATHING = "avrgym/FeedingJaco-v1", "avrgym/BedBathingJaco-v1"
 
 
 def participant(seed: int, sex: Sex = "woman") -> SimulatedParticipant:
-    return SimulatedParticipant(draw_traits(sex, seed), seed)
+    return SimulatedParticipant(sample_participant_traits(sex, seed), seed)
 
 
 def poses(frame: Tracking) -> list[XRPose]:
@@ -56,10 +60,10 @@ def test_frames_are_sound_at_any_time(sex: Sex) -> None:
         someone = participant(seed, sex)
         for time_s in (0.0, 0.01, 1.0, 59.9, 3600.0):
             for moving in (False, True):
-                frame = someone.frame(time_s, moving=moving)
+                frame = someone.tracking_frame(time_s, moving=moving)
                 assert len(poses(frame)) == 3
                 assert np.isfinite(numbers(frame)).all()
-                assert all(is_valid(pose) for pose in poses(frame))
+                assert all(is_valid_pose(pose) for pose in poses(frame))
                 norms = [np.linalg.norm(pose.orientation) for pose in poses(frame)]
                 assert norms == pytest.approx([1.0] * 3, abs=1e-9)
                 assert frame.client_time_ms == 1000.0 * time_s
@@ -68,14 +72,14 @@ def test_frames_are_sound_at_any_time(sex: Sex) -> None:
 
 def test_frames_are_counted() -> None:
     someone = participant(1)
-    frames = [someone.frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
-    frames.append(someone.frame_from_angles(human.SEATED_RAD, 1.0))
+    frames = [someone.tracking_frame(0.1 * i, moving=bool(i % 2)) for i in range(10)]
+    frames.append(someone.tracking_frame_from_angles(human.SEATED_POSE_RAD, 1.0))
     assert [frame.sequence for frame in frames] == list(range(11))
 
 
 @pytest.mark.parametrize("sex", SEXES)
 def test_torso_heights_are_those_of_the_papers_participants(sex: Sex) -> None:
-    heights_m = [draw_traits(sex, seed).torso_height_m for seed in range(200)]
+    heights_m = [sample_participant_traits(sex, seed).torso_height_m for seed in range(200)]
     assert 0.51 <= min(heights_m) < 0.515
     assert 0.575 < max(heights_m) <= 0.58
 
@@ -86,7 +90,7 @@ def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
     measured = []
     for environment, posture in ((FEEDING, SEATED), (BATHING, RECLINED)):
         someone.adopt_posture(environment)
-        head = someone.frame(7.0, moving=False).head
+        head = someone.tracking_frame(7.0, moving=False).head
         assert head is not None
         measured.append(measure_torso_height(sex, posture, head, RealFurniture()))
     assert measured == pytest.approx([someone.traits.torso_height_m] * 2)
@@ -96,17 +100,17 @@ def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
 
 def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
-    traits = replace(draw_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
+    traits = replace(sample_participant_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
     someone = SimulatedParticipant(traits, 2)
     someone.adopt_posture(environment)
     world = LiveWorld(environment, Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose.rest_rad))
-    someone.watch(world.scene(0, Registration(np.zeros(3), 0.0)))
-    poses = np.frombuffer(world.body_poses(), "<f4").reshape(-1, 7).copy()
-    poses[world.bodies.index(TOOL)] = poses[world.bodies.index("person/right_forearm")]
+    someone.receive(world.scene_message(0, Registration(np.zeros(3), 0.0)))
+    poses = np.frombuffer(world.encode_poses(), "<f4").reshape(-1, 7).copy()
+    poses[world.bodies.index(SCENE_TOOL_BODY)] = poses[world.bodies.index("person/right_forearm")]
     for i in range(20):
-        someone.watch(State(i, 0.1 * i, -1, b"", [], poses.tobytes()))
-    someone.frame(2.0, moving=True)
-    hand = someone.frame(3.0, moving=True).right
+        someone.receive(State(i, 0.1 * i, -1, b"", [], poses.tobytes()))
+    someone.tracking_frame(2.0, moving=True)
+    hand = someone.tracking_frame(3.0, moving=True).right
     assert hand is not None
     return np.array(hand.position)
 
@@ -119,16 +123,18 @@ def test_a_cooperative_participant_moves_the_arm_to_the_tool() -> None:
 @pytest.mark.fast_cases(8)
 @pytest.mark.parametrize("people", ["original", "zoo/unseen"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
-def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: str, impairment: Impairment):
+def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(
+    people: str, impairment: ImpairmentName
+):
     distribution = find_distribution(people, TASKS)
     for seed in range(6):
-        traits = draw_traits("man", seed, distribution, impairment)
+        traits = sample_participant_traits("man", seed, distribution, impairment)
         assert (
             distribution.torso_height_man_m[0] <= traits.torso_height_m <= distribution.torso_height_man_m[1]
         )
-        assert (traits.partner is not None) == (people == "zoo/unseen")
+        assert (traits.partner_parameters is not None) == (people == "zoo/unseen")
         someone = SimulatedParticipant(traits, seed)
-        frames = [someone.frame(0.02 * i, moving=True).head for i in range(50)]
+        frames = [someone.tracking_frame(0.02 * i, moving=True).head for i in range(50)]
         places = np.array([frame.position for frame in frames if frame is not None])
         assert np.isfinite(places).all()
         assert np.abs(np.diff(places, axis=0)).max() < 0.04, "as far as heads tremble by 20° at 5 Hz"
@@ -137,12 +143,12 @@ def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(people: 
 @pytest.mark.parametrize("sex", SEXES)
 def test_a_participant_at_rest_looks_horizontally(sex: Sex) -> None:
     someone = participant(4, sex)
-    head = someone.frame(7.0, moving=False).head
+    head = someone.tracking_frame(7.0, moving=False).head
     assert head is not None
     height_m = human.PROPORTIONS[sex].seated_hips_height + someone.traits.torso_height_m
     assert head.position[1] == pytest.approx(height_m, abs=1e-9)
     assert (head.orientation[0], head.orientation[2]) == pytest.approx((0.0, 0.0), abs=1e-9)
-    still = [numbers(someone.frame(time_s, moving=False)) for time_s in (0.0, 3.0)]
+    still = [numbers(someone.tracking_frame(time_s, moving=False)) for time_s in (0.0, 3.0)]
     assert still[0] == pytest.approx(still[1], abs=1e-8)
 
 
@@ -151,7 +157,9 @@ def test_movements_are_smooth_and_limited() -> None:
     for seed in range(3):
         someone = participant(seed)
         times_s = np.arange(0.0, 20.0, 0.05)
-        heads = np.array([poses(someone.frame(time_s, moving=True))[0].position for time_s in times_s])
+        heads = np.array(
+            [poses(someone.tracking_frame(time_s, moving=True))[0].position for time_s in times_s]
+        )
         travelled_m = np.ptp(heads, axis=0).max()
         assert 0.002 < travelled_m < 0.15
         assert np.abs(np.diff(heads, axis=0)).max() / 0.05 < 0.2
@@ -162,7 +170,7 @@ def test_a_watching_participant_turns_to_the_arm_and_back(environment: str) -> N
     someone = participant(2)
     someone.adopt_posture(environment)
     turned = [
-        degrees_off_the_right_hand(someone.frame(0.1 * step, moving=False, watching=10 <= step < 30))
+        degrees_off_the_right_hand(someone.tracking_frame(0.1 * step, moving=False, watching=10 <= step < 30))
         for step in range(60)
     ]
     offers_arm = TASKS[find_environment(environment)[0]].offered == "arm"
@@ -183,8 +191,8 @@ def degrees_off_the_right_hand(frame: Tracking) -> float:
 def test_the_same_seed_gives_the_same_participant() -> None:
     def attend(seed: int) -> tuple[list[Tracking], list[int]]:
         someone = participant(seed)
-        frames = [someone.frame(0.1 * i, moving=True) for i in range(20)]
-        return frames, [someone.answer("L1", 7, AttemptResults(success=bool(i % 2))) for i in range(20)]
+        frames = [someone.tracking_frame(0.1 * i, moving=True) for i in range(20)]
+        return frames, [someone.rate_item("L1", 7, AttemptResults(success=bool(i % 2))) for i in range(20)]
 
     assert attend(3) == attend(3)
     assert attend(3)[0] != attend(4)[0]
@@ -193,16 +201,16 @@ def test_the_same_seed_gives_the_same_participant() -> None:
 
 RESULTS = (
     AttemptResults(),
-    AttemptResults(success=True, force_mean_n=3.0, force_max_n=30.0, speed_mean_m_s=0.1),
-    AttemptResults(success=True, force_mean_n=1e6, force_max_n=1e9, speed_mean_m_s=1e6),
+    AttemptResults(success=True, force_mean_n=3.0, force_max_n=30.0, tool_speed_mean_m_s=0.1),
+    AttemptResults(success=True, force_mean_n=1e6, force_max_n=1e9, tool_speed_mean_m_s=1e6),
 )
 
 
 @pytest.mark.parametrize("points", [2, 3, 7, 100])
 def test_answers_lie_on_the_scale(points: int) -> None:
     someone = participant(5)
-    for item, results in product([*RATINGS, "own"], RESULTS):
-        answers = [someone.answer(item, points, results) for _ in range(100)]
+    for item, results in product([*RATING_RULES, "own"], RESULTS):
+        answers = [someone.rate_item(item, points, results) for _ in range(100)]
         assert all(type(answer) is int for answer in answers)
         assert 1 <= min(answers) <= max(answers) <= points
 
@@ -210,7 +218,7 @@ def test_answers_lie_on_the_scale(points: int) -> None:
 def mean_answer(item: str, results: AttemptResults, seed: int = 6) -> float:
     """Of one participant on a scale of a hundred points."""
     someone = participant(seed)
-    return float(np.mean([someone.answer(item, 100, results) for _ in range(300)]))
+    return float(np.mean([someone.rate_item(item, 100, results) for _ in range(300)]))
 
 
 @pytest.mark.parametrize(
@@ -219,17 +227,17 @@ def mean_answer(item: str, results: AttemptResults, seed: int = 6) -> float:
         (["L1"], AttemptResults(success=True), AttemptResults(success=False)),
         (["L2"], AttemptResults(force_mean_n=1.0), AttemptResults(force_mean_n=10.0)),
         (["L3"], AttemptResults(force_max_n=5.0), AttemptResults(force_max_n=40.0)),
-        (["L2", "L4"], AttemptResults(speed_mean_m_s=0.1), AttemptResults(speed_mean_m_s=0.5)),
+        (["L2", "L4"], AttemptResults(tool_speed_mean_m_s=0.1), AttemptResults(tool_speed_mean_m_s=0.5)),
     ],
 )
 def test_ratings_depend_on_the_trial(rated: list[str], better: AttemptResults, worse: AttemptResults) -> None:
-    for item in (*RATINGS, "own"):
+    for item in (*RATING_RULES, "own"):
         difference = mean_answer(item, better) - mean_answer(item, worse)
         assert difference > 20.0 if item in rated else difference == 0.0
 
 
 def test_a_robot_that_hardly_moves_has_no_appropriate_speed() -> None:
-    slow, unhurried = (mean_answer("L4", AttemptResults(speed_mean_m_s=speed)) for speed in (0.0, 0.1))
+    slow, unhurried = (mean_answer("L4", AttemptResults(tool_speed_mean_m_s=speed)) for speed in (0.0, 0.1))
     assert unhurried > slow + 20.0
 
 
@@ -237,7 +245,7 @@ def test_participants_rate_the_same_more_and_less_leniently_and_never_quite_alik
     means = [mean_answer("own", AttemptResults(), seed) for seed in range(8)]
     assert np.std(means) > 3.0
     someone = participant(6)
-    assert len({someone.answer("own", 7, AttemptResults()) for _ in range(50)}) > 1
+    assert len({someone.rate_item("own", 7, AttemptResults()) for _ in range(50)}) > 1
 
 
 @pytest.mark.slow
@@ -246,7 +254,7 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     client = InProcessClient(participant(1), phases.append)
     trials = plan(practice=True, seeds=(1, 2), trial_steps=5)
 
-    def send(message: Sent) -> None:
+    def send(message: SentMessage) -> None:
         if isinstance(message, State):
             seen.append(message.sequence)
         client.receive(message)
@@ -262,9 +270,12 @@ def test_a_participant_sits_through_a_session(tmp_path: Path) -> None:
     practice, trial = (read_recording(path) for path in session.recordings)
     assert practice.complete
     assert trial.complete
-    assert [answer.item for _, answer in trial.topics["/answers"]] == [item.id for item in LIKERT_ITEMS]
+    assert [answer.item for _, answer in trial.messages_by_topic["/answers"]] == [
+        item.id for item in LIKERT_ITEMS
+    ]
     assert all(
-        answer.response_time_s == pytest.approx(1.5, abs=0.05) for _, answer in trial.topics["/answers"]
+        answer.response_time_s == pytest.approx(1.5, abs=0.05)
+        for _, answer in trial.messages_by_topic["/answers"]
     )
 
 
@@ -295,26 +306,26 @@ def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     act = Policy.act
     monkeypatch.setattr(Policy, "act", lambda self, seen, *how: (told.append(seen), act(self, seen, *how))[1])
     task = TASKS[find_environment(environment)[0]]
-    traits = draw_traits("man", 3, trained=trained)
+    traits = sample_participant_traits("man", 3, trained=trained)
     person = Person("man", traits.torso_height_m, task.pose.rest_rad)
     worlds = Episodes(environment, 1, person=person, human_actions=True, num_threads=1)
     worlds.reset(np.array([0]), [np.random.default_rng(0)])
     someone = SimulatedParticipant(traits, 3)
     someone.adopt_posture(environment)
-    someone.watch(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
+    someone.receive(scene_message(0, worlds, Registration(np.zeros(3), 0.0)))
     for step in range(4):
-        someone.watch(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
+        someone.receive(State(step, 0.1 * step, -1, b"", [], world_poses(worlds)))
     (seen,) = worlds.human_observation()
-    goal = ~np.isnan(worlds.human_view.scale)
+    goal = ~np.isnan(worlds.human_observer.scale)
     assert_allclose(told[0][0, ~goal], seen[~goal], atol=1e-5)
     assert_allclose(told[0][0, goal], seen[goal], atol=0.03)
-    acted = np.clip(trained.mean(told[0])[0], -1.0, 1.0)
+    acted = np.clip(trained.mean_actions(told[0])[0], -1.0, 1.0)
     offered = [JOINT_INDEX[name] for name in worlds.offered_joints]
     way = someone._wanted_rad[0] - person.joint_angles_rad
     rest_rad = person.joint_angles_rad[offered]
-    targets_rad = rest_rad + 4 * 0.1 * SPEED_RAD_S[offered] * acted
-    targets_rad = np.clip(targets_rad, human.LOWER_RAD[offered], human.UPPER_RAD[offered])
+    targets_rad = rest_rad + 4 * 0.1 * MAX_JOINT_SPEED_RAD_S[offered] * acted
+    targets_rad = np.clip(targets_rad, human.LOWER_LIMITS_RAD[offered], human.UPPER_LIMITS_RAD[offered])
     assert_allclose(way[offered], targets_rad - rest_rad, atol=1e-6)
     assert_allclose(np.delete(way, offered), 0.0)
-    rest, gone = (numbers(someone.frame(1.0 + moving, moving=moving)) for moving in (False, True))
+    rest, gone = (numbers(someone.tracking_frame(1.0 + moving, moving=moving)) for moving in (False, True))
     assert np.abs(np.subtract(rest, gone)).max() > 1e-3

@@ -8,7 +8,7 @@ from typing import Any, Self, get_args, get_type_hints
 
 import pytest
 
-from avrgym.commands.preferences import CommandRules, apply_preferences
+from avrgym.commands.preferences import ConditionRules, apply_preferences
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.vr.protocol.messages import (
     Answer,
@@ -19,15 +19,15 @@ from avrgym.vr.protocol.messages import (
     Command,
     CommandName,
     CorrectTorsoHeight,
-    Disconnected,
     Entered,
     Hello,
     Left,
     OriginReset,
+    ParticipantDisconnected,
     Question,
     Ready,
     Recalibrate,
-    Received,
+    ReceivedMessage,
     RequestBreak,
     Scene,
     SceneLoaded,
@@ -103,8 +103,8 @@ class Walk:
         "recalibrate",
         "break",
     )
-    DISRUPTIONS: Sequence[Received] = (
-        Entered(), Left(), Disconnected(), OriginReset(), Recalibrate(), RequestBreak(), Stop(), Ready(),
+    DISRUPTIONS: Sequence[ReceivedMessage] = (
+        Entered(), Left(), ParticipantDisconnected(), OriginReset(), Recalibrate(), RequestBreak(), Stop(), Ready(),
         ChangePreferences(), ChangePreferences(),
         Hello(4, "", "", True),
         ChooseBody("woman", "fair"), ChooseBody("man", "dark"), ChooseParticipantBody("woman", "blue"),
@@ -117,9 +117,11 @@ class Walk:
         self.messages = 0
         self._chance, self._world = random.Random(seed), random.Random(seed + 1000)
         self._busy = 0
-        checked = HeadsetCheckPlan(at_rest_s=0.05, stretched_s=0.05, moving_s=0.05, test_stop_limit_s=2.0)
+        checked = HeadsetCheckPlan(
+            rest_duration_s=0.05, stretch_duration_s=0.05, motion_duration_s=0.05, test_stop_limit_s=2.0
+        )
         trials = plan(seeds=range(7), practice=True, environments=(SITTING, SITTING, LYING))
-        paced = apply_preferences(CommandRules(policy="drive", preferences=True), None)
+        paced = apply_preferences(ConditionRules(policy="drive", preferences=True), None)
         session = replace(
             trials,
             trials=[replace(each, rules=paced, own_preferences=True) for each in trials.trials],
@@ -161,7 +163,7 @@ class Walk:
 
     def _environment(self) -> str:
         trials = self.visit.session.plan.trials
-        return trials[min(self.visit.session.trial, len(trials) - 1)].environment
+        return trials[min(self.visit.session.trial_index, len(trials) - 1)].environment
 
     def _go_on(self) -> None:
         if self.visit.phase == "waiting":
@@ -182,7 +184,7 @@ class Walk:
         elif self.visit.phase == "confirm":
             self._tell(self._chance.choice([Ready(), Ready(), Back()]))
 
-    def _tell(self, message: Received) -> None:
+    def _tell(self, message: ReceivedMessage) -> None:
         self.messages += 1
         self.visit.send(message)
 

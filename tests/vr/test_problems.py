@@ -10,7 +10,7 @@ from test_authentication import hear, opened, participant, tell
 from websockets.sync.client import ClientConnection
 
 from avrgym.vr.protocol.messages import (
-    PROTOCOL,
+    PROTOCOL_VERSION,
     Answer,
     ChooseBody,
     Command,
@@ -33,14 +33,14 @@ BY_EXPERIMENTER = (
     *(Command(name=name) for name in ("stop", "continue", "repeat", "skip", "recalibrate")),
     CorrectTorsoHeight(torso_height_m=9.0),
     ChooseBody(sex="man", skin_tone="plaid"),
-    Hello(PROTOCOL, "?", "again", emulated=True),
+    Hello(PROTOCOL_VERSION, "?", "again", emulated=True),
 )
 BY_PARTICIPANT = (
     Stop(),
     Recalibrate(),
     Answer(item="L1", value=1, response_time_s=1.0),
     ChooseBody(sex="man", skin_tone="plaid"),
-    Hello(PROTOCOL, "?", "again", emulated=True),
+    Hello(PROTOCOL_VERSION, "?", "again", emulated=True),
 )
 
 

@@ -13,7 +13,7 @@ from avrgym.models.human import SEATED, Person
 from avrgym.models.human_shape import skin_meshes
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
-from avrgym.study.design.design import default_text, parse_design
+from avrgym.study.design.design import default_design_text, parse_design
 from avrgym.vr.protocol.messages import Phase, Ready
 from avrgym.vr.session import events
 from avrgym.vr.tracking.arm import ArmLengths
@@ -21,8 +21,8 @@ from avrgym.vr.tracking.calibration import measure_arm_scale
 from helpers.vr.visit import Visit, plan
 
 STRAIGHT = {"right_elbow_x": 0.0, "left_elbow_x": 0.0}
-AHEAD_RAD = human.joint_angles(right_shoulder_x=-85.0, left_shoulder_x=-85.0, **STRAIGHT)
-ASIDE_RAD = human.joint_angles(right_shoulder_y=85.0, left_shoulder_y=-85.0, **STRAIGHT)
+AHEAD_RAD = human.seated_joint_angles(right_shoulder_x=-85.0, left_shoulder_x=-85.0, **STRAIGHT)
+ASIDE_RAD = human.seated_joint_angles(right_shoulder_y=85.0, left_shoulder_y=-85.0, **STRAIGHT)
 REACHING = replace(plan(free_movement_s=6.0), measure_reach=True)
 
 
@@ -113,7 +113,7 @@ def test_who_moves_the_hand_with_a_mouse_stretches_no_arms(tmp_path: Path) -> No
 def test_nobody_has_arms_that_no_adult_has() -> None:
     person = Person("man", 0.6)
     most = ArmLengths.from_person(person)
-    assert measure_arm_scale(person, [most.upper_m + most.fore_m]) == pytest.approx(1.0)
+    assert measure_arm_scale(person, [most.upper_arm_m + most.forearm_m]) == pytest.approx(1.0)
     for reach_m in (0.2, 1.2):
         with pytest.raises(ValueError, match=r"allowed: 0\.8 to 1\.25"):
             measure_arm_scale(person, [reach_m])
@@ -121,7 +121,7 @@ def test_nobody_has_arms_that_no_adult_has() -> None:
 
 def test_drawn_arms_are_as_long_as_simulated_ones_and_nothing_else_changes() -> None:
     usual, long = Person("woman", 0.52), Person("woman", 0.52, arm_scale=1.2)
-    frames = [human.layout_of_people(human.People.of([person])) for person in (usual, long)]
+    frames = [human.body_layout_of_people(human.People.from_persons([person])) for person in (usual, long)]
     for name in human.BODIES:
         same = np.array_equal(frames[0].body_pos[name], frames[1].body_pos[name])
         assert same == (not name.endswith(("forearm", "hand")))
@@ -131,5 +131,7 @@ def test_drawn_arms_are_as_long_as_simulated_ones_and_nothing_else_changes() -> 
 
 
 def test_studies_measure_no_reach_unless_they_say_so() -> None:
-    assert not parse_design(default_text()).measure_reach
-    assert parse_design(default_text().replace("measure_reach = false", "measure_reach = true")).measure_reach
+    assert not parse_design(default_design_text()).measure_reach
+    assert parse_design(
+        default_design_text().replace("measure_reach = false", "measure_reach = true")
+    ).measure_reach

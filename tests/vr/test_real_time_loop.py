@@ -12,17 +12,26 @@ from typing import cast
 import numpy as np
 import pytest
 
-from avrgym.vr.protocol.messages import TICK_S, Answer, Command, Disconnected, Entered, Ready, Stop, Tracking
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    Answer,
+    Command,
+    Entered,
+    ParticipantDisconnected,
+    Ready,
+    Stop,
+    Tracking,
+)
 from avrgym.vr.server.inbox import (
-    MAX_TRACKING_FRAMES,
+    MAX_HANDLING_TIME_S,
+    MAX_MESSAGES_PER_TICK,
+    MAX_WAITING_FRAMES,
     MAX_WAITING_MESSAGES,
-    MESSAGE_TIME_S,
-    MESSAGES_PER_TICK,
 )
 from avrgym.vr.server.real_time_loop import (
     GARBAGE_COLLECTION_INTERVAL_S,
     MAX_CATCH_UP_TICKS,
-    PRIORITY,
+    REAL_TIME_PRIORITY,
     RealTimeLoop,
 )
 from avrgym.vr.session.session import Session
@@ -47,7 +56,7 @@ class FakeSession:
     def receive(self, message: object, now_s: float) -> None:
         self.received.append(message)
 
-    def welcome(self, send: object, role: str, now_s: float) -> None:
+    def send_initial_state(self, send: object, role: str, now_s: float) -> None:
         self.received.append(role)
 
     def close(self, now_s: float) -> None:
@@ -106,7 +115,7 @@ def highest_allowed() -> int:
 
     def ask() -> int:
         try:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(REAL_TIME_PRIORITY))
         except OSError:
             return os.SCHED_OTHER
         return os.sched_getscheduler(0) if len(os.sched_getaffinity(0)) > 1 else os.SCHED_OTHER
@@ -126,7 +135,7 @@ def test_it_ticks_every_10_ms_independent_of_the_work(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(0.001 * (ticks % 9)))
     loop = run(session, 100)
     assert session.ticked_s[:100] == pytest.approx([i * TICK_S for i in range(100)])
-    assert loop.missed_ticks == len(loop.late) == 0
+    assert loop.missed_ticks == len(loop.late_ticks) == 0
 
 
 def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
@@ -138,8 +147,8 @@ def test_it_hurries_after_a_short_delay(clock: FakeClock) -> None:
     assert session.ticked_s[10] == pytest.approx(due[9] + late_s)
     assert session.ticked_s[15:30] == pytest.approx(due[15:])
     assert loop.missed_ticks == 0
-    assert len(loop.late) == MAX_CATCH_UP_TICKS - 1
-    assert [tick.ended_s - tick.due_s - TICK_S for tick in loop.late] == pytest.approx(
+    assert len(loop.late_ticks) == MAX_CATCH_UP_TICKS - 1
+    assert [tick.ended_s - tick.due_s - TICK_S for tick in loop.late_ticks] == pytest.approx(
         [late_s - (i + 1) * TICK_S for i in range(MAX_CATCH_UP_TICKS - 1)]
     )
 
@@ -159,7 +168,7 @@ def test_it_skips_and_counts_ticks_after_a_long_delay(clock: FakeClock) -> None:
     session = FakeSession(lambda ticks: clock.sleep(1.003 if ticks == 10 else 0.0))
     loop = run(session, 30)
     assert loop.missed_ticks == 99
-    assert [tick.lost for tick in loop.late] == [99]
+    assert [tick.missed_ticks for tick in loop.late_ticks] == [99]
     assert session.ticked_s[12:30] == pytest.approx([(i + 99) * TICK_S for i in range(12, 30)])
 
 
@@ -192,14 +201,14 @@ def test_messages_reach_the_session_in_order() -> None:
     loop = RealTimeLoop(cast(Session, session))
     sent = [Answer(item=str(i), value=1, response_time_s=0.0) for i in range(50)]
     loop.post(Ready())
-    loop.welcome(lambda message: None, "participant")
+    loop.send_initial_state(lambda message: None, "participant")
     loop.start()
     for message in sent:
         loop.post(message)
-    loop.post(Disconnected())
+    loop.post(ParticipantDisconnected())
     await_that(lambda: len(session.received) == 53)
     loop.stop()
-    assert session.received == [Ready(), "participant", *sent, Disconnected()]
+    assert session.received == [Ready(), "participant", *sent, ParticipantDisconnected()]
 
 
 def test_a_flooding_sender_must_wait() -> None:
@@ -235,14 +244,14 @@ def test_messages_take_limited_time_of_a_tick_and_stops_come_first(clock: FakeCl
     loop.stop()
     assert session.received[:2] == [Command(name="stop"), Stop()]
     assert received_at[0] == received_at[1] == session.ticked_s[0]
-    assert max(Counter(received_at).values()) <= MESSAGE_TIME_S / 0.0004 + 1
-    assert loop.missed_ticks == len(loop.late) == 0
+    assert max(Counter(received_at).values()) <= MAX_HANDLING_TIME_S / 0.0004 + 1
+    assert loop.missed_ticks == len(loop.late_ticks) == 0
 
 
 def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
-    for sequence in range(3 * MAX_TRACKING_FRAMES):
+    for sequence in range(3 * MAX_WAITING_FRAMES):
         loop.post(
             Tracking(
                 sequence=sequence,
@@ -255,23 +264,23 @@ def test_of_many_frames_the_newest_count(clock: FakeClock) -> None:
             )
         )
     loop.start()
-    await_that(lambda: len(session.received) == MAX_TRACKING_FRAMES)
+    await_that(lambda: len(session.received) == MAX_WAITING_FRAMES)
     loop.stop()
     received = [cast(Tracking, message).sequence for message in session.received]
-    assert received == list(range(2 * MAX_TRACKING_FRAMES, 3 * MAX_TRACKING_FRAMES))
+    assert received == list(range(2 * MAX_WAITING_FRAMES, 3 * MAX_WAITING_FRAMES))
 
 
 def test_a_disconnection_discards_waiting_messages(clock: FakeClock) -> None:
     session = FakeSession()
     loop = RealTimeLoop(cast(Session, session))
-    for _ in range(MESSAGES_PER_TICK):
+    for _ in range(MAX_MESSAGES_PER_TICK):
         loop.post(Entered())
     loop.post(Command(name="end"))
-    loop.post(Disconnected())
+    loop.post(ParticipantDisconnected())
     loop.start()
     await_that(lambda: len(session.received) == 2)
     loop.stop()
-    assert session.received == [Disconnected(), Command(name="end")]
+    assert session.received == [ParticipantDisconnected(), Command(name="end")]
 
 
 def test_an_error_at_the_end_is_stored() -> None:

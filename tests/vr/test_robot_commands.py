@@ -6,10 +6,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.commands.preferences import CommandRules, Preferences, apply_preferences
+from avrgym.commands.preferences import ConditionRules, Preferences, apply_preferences
 from avrgym.commands.vocabulary import CommandName
 from avrgym.replay.verification import verify
-from avrgym.vr.emulation.simulated_commands import GESTURE_S
+from avrgym.vr.emulation.simulated_commands import GESTURE_DURATION_S
 from avrgym.vr.protocol.messages import (
     Answer,
     ChangePreferences,
@@ -21,7 +21,7 @@ from avrgym.vr.protocol.messages import (
     decode_client,
     encode,
 )
-from avrgym.vr.server.inbox import is_stop
+from avrgym.vr.server.inbox import is_emergency_stop
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import ENVIRONMENT, Visit, events, plan, result
@@ -31,7 +31,7 @@ COMMANDS: tuple[CommandName, ...] = ("ready", "wait", "slower", "stop")
 
 
 def paced_session() -> SessionPlan:
-    condition = CommandRules(
+    condition = ConditionRules(
         policy="revised", commands=COMMANDS, sources=("key", "nod", "shake", "caregiver")
     )
     trial = TrialPlan(ENVIRONMENT, "revised", 3, practice=False, rules=apply_preferences(condition, None))
@@ -69,7 +69,7 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     visit.tick(20)
     assert visit.received(RobotCommands)[-1].mode == "continuing"
     visit.participant.begin_gesture("shake", visit.now_s)
-    visit.tick(round(100 * GESTURE_S) + 20)
+    visit.tick(round(100 * GESTURE_DURATION_S) + 20)
     assert visit.received(RobotCommands)[-1].mode == "backing_off"
     visit.run_until("questionnaire")
     assert visit.received(RobotCommands)[-1].commands == []
@@ -77,7 +77,7 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
-    records = [record for _, record in recording.topics["/robot_commands"]]
+    records = [record for _, record in recording.messages_by_topic["/robot_commands"]]
     assert [(each.name, each.source, each.effective, bool(each.refusal)) for each in records] == [
         ("slower", "key", True, False),
         ("faster", "key", False, True),
@@ -89,7 +89,7 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     assert events(recording).count("command_ignored") == 3
     ignored = [each for each in visit.observed if isinstance(each, session_events.CommandIgnored)]
     assert [each.reason for each in ignored][-1] == "no trial runs"
-    pacing = [record for _, record in recording.topics["/pacing"]]
+    pacing = [record for _, record in recording.messages_by_topic["/pacing"]]
     assert [record.step for record in pacing] == list(range(1, STEPS + 1))
     assert pacing[-1].speed_factor == 0.75
     assert recording.configuration.rules == visit.session.plan.trials[0].rules
@@ -104,9 +104,9 @@ def test_the_command_stop_is_the_emergency_stop_from_every_source(tmp_path: Path
     visit.leave()
     (recording,) = visit.recordings()
     assert result(recording) == "stopped"
-    assert [record.name for _, record in recording.topics["/robot_commands"]] == ["stop"]
-    assert is_stop(RobotCommand("stop", "switch", 0.0))
-    assert not is_stop(RobotCommand("ready", "switch", 0.0))
+    assert [record.name for _, record in recording.messages_by_topic["/robot_commands"]] == ["stop"]
+    assert is_emergency_stop(RobotCommand("stop", "switch", 0.0))
+    assert not is_emergency_stop(RobotCommand("ready", "switch", 0.0))
 
 
 @pytest.mark.parametrize("change", [{"name": "jump"}, {"source": "nod"}, {"source": "experimenter"}])
@@ -118,7 +118,7 @@ def test_unknown_commands_and_sources_of_others_are_refused(change: dict[str, st
 
 def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) -> None:
     """Answers that contradict the condition are not possible. The change applies from the next trial on."""
-    condition = CommandRules(
+    condition = ConditionRules(
         policy="drive",
         commands=("wait", "stop"),
         sources=("key",),

@@ -9,8 +9,8 @@ import pytest
 from avrgym.geometry.transforms import to_matrix
 from avrgym.models.colours import linear_from_srgb
 from avrgym.models.human import SKIN_TONES, Person
-from avrgym.models.human_shape import HEAD_PARTS
-from avrgym.models.scene import build_spec
+from avrgym.models.human_shape import HEAD_SKIN_PARTS
+from avrgym.models.scene import build_scene_spec
 from avrgym.robots.registry import find_robot
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, find_environment, task_and_scene
 from avrgym.vr.scene.scene_export import export_glb
@@ -30,7 +30,7 @@ PERSON = Person("man", 0.66)
 @cache
 def model_of(environment: str) -> mujoco.MjModel:
     _, scene = task_and_scene(environment)
-    return build_spec(scene, PERSON, moving=True, appearance=True).compile()
+    return build_scene_spec(scene, PERSON, moving=True, appearance=True).compile()
 
 
 @cache
@@ -208,7 +208,7 @@ def test_the_head_is_apart_from_the_body() -> None:
     drawn = sum(
         len(corners_of(exported(FEEDING), node)) for node, head in zip(skins, of_head, strict=True) if head
     )
-    parts = [model.skin(f"person/{part}").id for part in HEAD_PARTS]
+    parts = [model.skin(f"person/{part}").id for part in HEAD_SKIN_PARTS]
     assert drawn == 3 * model.skin_facenum[parts].sum()
 
 
@@ -227,7 +227,7 @@ def corners_of(glb: GlbFile, node: dict) -> np.ndarray:
 
 def test_the_skin_has_the_persons_tone() -> None:
     scene = TASKS["ScratchItch"].scene(find_robot("Jaco"))
-    model = build_spec(scene, WASHED, moving=False, appearance=True).compile()
+    model = build_scene_spec(scene, WASHED, moving=False, appearance=True).compile()
     glb = GlbFile(export_glb(model))
     nodes = [node for node in glb["nodes"] if node.get("extras", {}).get("skin_of") == "person/right_hand"]
     (primitive,) = (glb["meshes"][node["mesh"]]["primitives"][0] for node in nodes)

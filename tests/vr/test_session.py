@@ -16,28 +16,28 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.models.human import Person, Sex
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.recording.reader import Recording
 from avrgym.recording.writer import RecordingWriter
 from avrgym.safety.approach_speed import effective_mass_kg
-from avrgym.safety.brakes import HOLDING_FACTOR
-from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_SHARE
+from avrgym.safety.brakes import BRAKE_TORQUE_FACTOR
+from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
 from avrgym.safety.retreat import MAX_DURATION_S
-from avrgym.simulation.worlds import MAX_LEAD_RAD
+from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
     Back,
-    Disconnected,
     Entered,
     Hello,
     Left,
     OriginReset,
+    ParticipantDisconnected,
     Phase,
     PhaseName,
     Problem,
@@ -86,7 +86,7 @@ class Replica:
             act=[self.model.actuator(name).actadr[0] for name in arm],
             ctrl=[self.model.actuator(name).id for name in arm],
             dof=[self.model.joint(name).dofadr[0] for name in arm],
-            brake_n_m=HOLDING_FACTOR * episodes.scene.arm.effort_limit,
+            brake_n_m=BRAKE_TORQUE_FACTOR * episodes.scene.arm.effort_limit,
         )
         self._person = [self.model.actuator(human.PREFIX + name).id for name in human.JOINTS]
         assert episodes.scene.tool.particles is not None
@@ -105,9 +105,9 @@ class Replica:
         ctrl, (data, arm) = self.ctrl(after), (self.put(state), self._arm)
         driving = helping or ctrl[arm.ctrl].any()
         self.model.dof_frictionloss[arm.dof] = 0.0 if driving else arm.brake_n_m
-        self.model.opt.disableactuator = 0 if driving else 1 << robot.MOTOR_GROUP
+        self.model.opt.disableactuator = 0 if driving else 1 << robot.MOTOR_ACTUATOR_GROUP
         if not np.array_equal(data.ctrl[arm.ctrl], ctrl[arm.ctrl]):
-            lead = MAX_LEAD_RAD if driving else 0.0
+            lead = MAX_SERVO_LEAD_RAD if driving else 0.0
             angles = data.qpos[arm.qpos]
             data.act[arm.act] = np.clip(data.act[arm.act], angles - lead, angles + lead)
         data.ctrl[:] = ctrl
@@ -127,7 +127,7 @@ class Replica:
 
     def tool_pos_w(self, state: PhysicsState) -> FloatArray:
         mujoco.mj_kinematics(self.model, self.put(state))
-        return self.data.body(TOOL).xpos.copy()
+        return self.data.body(SCENE_TOOL_BODY).xpos.copy()
 
     def food_entries(self, size: int) -> IntArray:
         """Which numbers of a state are positions, speeds and loads of the food."""
@@ -151,7 +151,7 @@ class Arm:
 
 
 def records(recording: Recording, topic: str) -> list:
-    return [record for _, record in recording.topics[topic]]
+    return [record for _, record in recording.messages_by_topic[topic]]
 
 
 def states(recording: Recording) -> list[list[float]]:
@@ -198,7 +198,9 @@ def test_a_session_goes_through_its_phases_in_order(whole: Visit) -> None:
 def test_phases_take_their_time(whole: Visit) -> None:
     for recording, count in zip(whole.recordings(), (4, 5), strict=True):
         entered_s = {
-            event.detail: ns / 1e9 for ns, event in recording.topics["/events"] if event.name == "phase"
+            event.detail: ns / 1e9
+            for ns, event in recording.messages_by_topic["/events"]
+            if event.name == "phase"
         }
         entered_s.pop("confirm", None)
         retreat_s = entered_s["free_after"] - entered_s.pop("retreat")
@@ -254,9 +256,13 @@ def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Vis
 
 def test_whoever_comes_too_fast_is_an_event_with_region_and_speed(whole: Visit) -> None:
     simulation = reset_episodes(ENVIRONMENT, 1).simulation
-    fastest = max_impact_speed_m_s(INTERVENTION_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation))
+    fastest = max_impact_speed_m_s(
+        INTERVENTION_FORCE_SHARE * QUASI_STATIC_LIMIT_N, effective_mass_kg(simulation)
+    )
     limits_m_s = {region.name: float(speed) for region, speed in zip(BODY_REGIONS, fastest, strict=True)}
-    events = [event for recording in whole.recordings() for _, event in recording.topics["/events"]]
+    events = [
+        event for recording in whole.recordings() for _, event in recording.messages_by_topic["/events"]
+    ]
     details = [
         event.detail for event in events if event.name == INTERVENTION_EVENT and event.detail.endswith("m/s")
     ]
@@ -278,7 +284,9 @@ def test_the_same_seed_gives_the_same_bits(visit: Callable[..., Visit]) -> None:
         attended.calibrate()
         attended.run_until("questionnaire")
         attended.answer(4, 4, 4, 4)
-        return [r.topics[topic] for r in attended.recordings() for topic in ("/physics", "/control")]
+        return [
+            r.messages_by_topic[topic] for r in attended.recordings() for topic in ("/physics", "/control")
+        ]
 
     one, same, other = attend(2), attend(2), attend(5)
     assert one == same
@@ -321,14 +329,14 @@ def test_a_robot_at_full_speed_stands_still_100_ms_after_a_stop(visit: Callable[
     stopped = visit()
     stopped.go_to("trial")
     stopped.tick(20)
-    before = newest_pos_w(stopped, TOOL)
+    before = newest_pos_w(stopped, SCENE_TOOL_BODY)
     stopped.tick(2)
     stopped.send(Stop())
-    spot = newest_pos_w(stopped, TOOL)
+    spot = newest_pos_w(stopped, SCENE_TOOL_BODY)
     places = []
     for _ in range(50):
         stopped.tick(2)
-        places.append(newest_pos_w(stopped, TOOL))
+        places.append(newest_pos_w(stopped, SCENE_TOOL_BODY))
     away_m = np.linalg.norm(np.array(places) - spot, axis=1)
     speed_m_s = np.linalg.norm(np.diff(places, axis=0), axis=1) / (2 * TICK_S)
     assert away_m.max() < 0.015
@@ -364,11 +372,11 @@ def test_a_stop_after_the_robot_has_finished_keeps_the_trial(visit: Callable[...
 
 @pytest.mark.fast_cases(7)
 @pytest.mark.parametrize(
-    "event", [Left(), Disconnected(), OriginReset()], ids=lambda event: type(event).__name__
+    "event", [Left(), ParticipantDisconnected(), OriginReset()], ids=lambda event: type(event).__name__
 )
 @pytest.mark.parametrize("phase", PHASES)
 def test_who_goes_away_is_waited_for_and_a_running_trial_is_interrupted(
-    visit: Callable[..., Visit], phase: str, event: Left | Disconnected | OriginReset
+    visit: Callable[..., Visit], phase: str, event: Left | ParticipantDisconnected | OriginReset
 ) -> None:
     gone = visit()
     gone.go_to(phase)
@@ -396,8 +404,8 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     back.go_to("questionnaire")
     back.answer(4, 4, 4, 4)
     back.run_until("trial")
-    back.send(Disconnected())
-    back.session.welcome(back.inbox.append, "participant", back.now_s)
+    back.send(ParticipantDisconnected())
+    back.session.send_initial_state(back.inbox.append, "participant", back.now_s)
     kinds = [type(message).__name__ for message in back.inbox[-6:]]
     assert kinds == ["Welcome", "Language", "Body", "Input", "Scene", "Phase"]
     back.participant = SimulatedParticipant(back.participant.traits, 8)
@@ -503,7 +511,7 @@ def lifted(frame: Tracking, height_m: float) -> Tracking:
 
 
 def random_person(sex: Sex, seed: int) -> SimulatedParticipant:
-    return SimulatedParticipant(draw_traits(sex, seed), seed)
+    return SimulatedParticipant(sample_participant_traits(sex, seed), seed)
 
 
 @pytest.mark.fast_cases(1)
@@ -538,7 +546,7 @@ def test_the_simulated_body_goes_where_the_participant_is(visit: Callable[..., V
     begins_rad = visitor.participant._angles_rad
     for _ in range(5):
         degrees = {name: random.uniform(*limits) for name, limits in COMFORTABLE_DEG.items()}
-        ends_rad = human.joint_angles(**degrees)
+        ends_rad = human.seated_joint_angles(**degrees)
         for share in np.linspace(0.05, 1.0, 20):
             visitor.pose_rad = begins_rad + share * (ends_rad - begins_rad)
             visitor.tick(4)
@@ -556,7 +564,7 @@ def tracking_errors(visit: Visit) -> list[float]:
     assert frame.left is not None
     assert frame.right is not None
     assert registration is not None
-    sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    sites = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
     wanted = {
         "head_centre": head_pose(registration, frame.head).pos_w,
         "left_hand_centre": hand_pose(registration, frame.left).pos_w,
@@ -564,7 +572,7 @@ def tracking_errors(visit: Visit) -> list[float]:
     }
     found = {}
     for site in wanted:
-        pose = newest_pose_w(visit, human.PREFIX + human.SITE_BODY[site])
+        pose = newest_pose_w(visit, human.PREFIX + human.SITE_BODIES[site])
         found[site] = pose[:3] + transforms.rotate(pose[3:], sites[site][0])
     return [float(np.linalg.norm(found[site] - wanted[site])) for site in wanted]
 
@@ -581,7 +589,7 @@ def test_a_silent_headset_holds_the_pose(visit: Callable[..., Visit]) -> None:
 
     recording = silent.recordings()[0]
     lost, found = (
-        next(ns for ns, event in recording.topics["/events"] if event.name == name) / 1e9
+        next(ns for ns, event in recording.messages_by_topic["/events"] if event.name == name) / 1e9
         for name in ("tracking_lost", "tracking_found")
     )
     last_s = max(r.received_time_s for r in records(recording, "/tracking") if r.received_time_s < lost)
@@ -590,7 +598,7 @@ def test_a_silent_headset_holds_the_pose(visit: Callable[..., Visit]) -> None:
     replica = Replica(recording)
     held = [
         replica.person_ctrl(record.state)
-        for ns, record in recording.topics["/physics"]
+        for ns, record in recording.messages_by_topic["/physics"]
         if lost <= ns / 1e9 < found - TICK_S
     ]
     assert len(held) > 25
@@ -631,7 +639,7 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
             visitor.tick()
         visitor.answer(4, 4, 4, 4)
     one, other = plain.recordings()[0], fuzzed.recordings()[0]
-    assert one.topics["/physics"] == other.topics["/physics"]
+    assert one.messages_by_topic["/physics"] == other.messages_by_topic["/physics"]
     assert np.isfinite(states(other)).all()
     held = [record for record in records(other, "/tracking") if record.held]
     assert len(held) == len(sent)
@@ -641,7 +649,7 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
 
 def replayed(visit: Visit) -> Tracking:
     """A sound frame with a number that has been used, of another pose."""
-    frame = visit.participant.frame_from_angles(human.joint_angles(waist_x=20.0), 0.0)
+    frame = visit.participant.tracking_frame_from_angles(human.seated_joint_angles(waist_x=20.0), 0.0)
     return Tracking(0, frame.client_time_ms, frame.head, frame.left, frame.right, "controller", "controller")
 
 
@@ -734,7 +742,7 @@ def test_a_recording_may_fail_at_any_tick_of_a_control_step(
         visitor.run_until("trial")
         visitor.tick(ticks - 1)
         with monkeypatch.context() as broken:
-            broken.setattr(RecordingWriter, "error", property(lambda _: OSError("full")))
+            broken.setattr(RecordingWriter, "disk_error", property(lambda _: OSError("full")))
             visitor.tick()
         assert visitor.phase == "paused"
         visitor.send(Ready())
@@ -746,7 +754,7 @@ def test_a_slow_disk_is_named_once_and_the_trial_goes_on(
     visitor = visit()
     visitor.go_to("trial")
     with monkeypatch.context() as slow:
-        slow.setattr(RecordingWriter, "error", property(lambda _: TimeoutError("0.8 s")))
+        slow.setattr(RecordingWriter, "disk_error", property(lambda _: TimeoutError("0.8 s")))
         visitor.tick(5)
     assert sum("slow" in problem.message for problem in visitor.received(Problem)) == 1
     assert visitor.phase == "trial"

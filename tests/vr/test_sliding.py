@@ -12,7 +12,7 @@ from avrgym.replay.verification import verify
 from avrgym.vr.protocol.messages import TICK_S, Placed, Scene
 from avrgym.vr.protocol.webxr import Registration, head_pose
 from avrgym.vr.session import events
-from avrgym.vr.tracking.sliding import GLIDE_SPEED_M_S, SlidingMonitor
+from avrgym.vr.tracking.sliding import SEAT_SPEED_M_S, SlidingMonitor
 from helpers.vr.visit import Visit, plan
 
 SLIDES = ((0.3, 0.0), (-0.3, 0.0), (0.0, -0.3), (0.15, 0.2))
@@ -83,7 +83,7 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
     assert slid_m > 0.03
     assert visit.missed_m() < 0.02
     steps_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
-    assert steps_m.max() < 1.01 * GLIDE_SPEED_M_S * TICK_S
+    assert steps_m.max() < 1.01 * SEAT_SPEED_M_S * TICK_S
     assert not np.array_equal(visit.place.origin_w, before.origin_w)
     assert visit.place.origin_w[2] == before.origin_w[2]
     (placed,) = visit.received(Placed)
@@ -117,7 +117,7 @@ def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> Non
     visit.slide(0.3, 0.0)
     visit.tick(300)
     late: list[object] = []
-    visit.session.welcome(late.append, "spectator", visit.now_s)
+    visit.session.send_initial_state(late.append, "spectator", visit.now_s)
     (scene,) = (each for each in late if isinstance(each, Scene))
     (placed,) = (each for each in late if isinstance(each, Placed))
     assert scene.xr_from_world == visit.place.xr_from_world()
@@ -135,7 +135,7 @@ def test_a_slide_during_a_trial_is_recorded_and_verifies_bit_by_bit(tmp_path: Pa
     visit.answer(1, 2, 3, 4)
     visit.leave()
     recording = read_recording(visit.session.recordings[0])
-    places = [record.xr_from_world.position for _, record in recording.topics["/placement"]]
+    places = [record.xr_from_world.position for _, record in recording.messages_by_topic["/placement"]]
     assert len(places) > 300
     assert places[-1] == pytest.approx(visit.received(Placed)[0].xr_from_world.position, abs=1e-6)
     assert [each.way_m for each in visit.observed if isinstance(each, events.SeatFollowed)] == [

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.vr.server.sound_files import find_sound
+from avrgym.vr.server.sound_files import find_sound_file
 
 
 @pytest.mark.parametrize(
@@ -25,4 +25,4 @@ def test_only_sound_files_of_the_study_are_found(
     file = tmp_path / "sounds/de/ready.wav"
     for each in (file, tmp_path / "secret.wav"):
         each.write_bytes(b"RIFF")
-    assert find_sound(tmp_path / "sounds", language, name) == (file if found else None)
+    assert find_sound_file(tmp_path / "sounds", language, name) == (file if found else None)

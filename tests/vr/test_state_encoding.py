@@ -10,14 +10,14 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State
 from avrgym.vr.protocol.state_encoding import (
     JOINT_STEP_RAD,
-    MAX_STEPS,
-    POSE_STEPS,
+    MAX_QUANTISATION_STEPS,
+    POSE_QUANTISATION_STEPS,
     POSITION_STEP_M,
     QUATERNION_STEP,
     StateDecoder,
     StateEncoder,
-    pack,
-    unpack,
+    decode_row_changes,
+    encode_row_changes,
 )
 
 MOST_BYTES = 1500
@@ -57,16 +57,16 @@ def test_rows_are_packed_and_unpacked(columns: int, most: int) -> None:
     for count in (0, 1, 300):
         rows = np.flatnonzero(random.uniform(size=count) < 0.5)
         changes = random.integers(-most, most, (len(rows), columns), endpoint=True)
-        again, unpacked = unpack(pack(rows, changes), columns)
+        again, unpacked = decode_row_changes(encode_row_changes(rows, changes), columns)
         np.testing.assert_array_equal(again, rows)
         np.testing.assert_array_equal(unpacked, changes)
 
 
 @pytest.mark.parametrize("cut", [1, 3])
 def test_bytes_that_are_missing_are_missed(cut: int) -> None:
-    packed = pack(np.array([4]), np.array([[300, -1]]))
+    packed = encode_row_changes(np.array([4]), np.array([[300, -1]]))
     with pytest.raises(ValueError, match="do not end with a complete row"):
-        unpack(packed[:-cut], 2)
+        decode_row_changes(packed[:-cut], 2)
 
 
 def test_unchanged_rows_are_omitted_without_drift() -> None:
@@ -90,7 +90,7 @@ def test_nan_and_large_values_do_not_affect_other_rows() -> None:
         poses[1, 0] = wrong
         told = numbers(decoder.decode(encoder.encode(state(poses))).poses, 7)
         np.testing.assert_allclose(told[[0, 2]], poses[[0, 2]])
-        assert abs(told[1, 0]) == pytest.approx(MAX_STEPS * POSITION_STEP_M)
+        assert abs(told[1, 0]) == pytest.approx(MAX_QUANTISATION_STEPS * POSITION_STEP_M)
     poses[1, 0] = 0.25
     check(state(poses), decoder.decode(encoder.encode(state(poses))))
 
@@ -98,7 +98,7 @@ def test_nan_and_large_values_do_not_affect_other_rows() -> None:
 def test_angles_are_within_half_a_step() -> None:
     """The farthest that rounding four numbers turns a unit quaternion: twice the half diagonal of a step's cube."""
     assert 2.0 * 0.5 * QUATERNION_STEP * np.sqrt(4.0) <= ROTATION_RAD
-    assert len(POSE_STEPS) == 7
+    assert len(POSE_QUANTISATION_STEPS) == 7
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
@@ -112,7 +112,7 @@ def test_states_of_moving_worlds_are_small_and_exact(environment: str) -> None:
         world.simulation.command_person(targets_rad[None])
         world.simulation.command_robot(random.uniform(-1.0, 1.0, (1, world._episodes.action_size)))
         world.tick(None)
-        sent = state(numbers(world.body_poses(), 7), targets_rad, sequence)
+        sent = state(numbers(world.encode_poses(), 7), targets_rad, sequence)
         change = encoder.encode(sent)
         sizes.append(len(messages.encode(change)))
         check(sent, decoder.decode(change))

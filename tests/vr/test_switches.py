@@ -14,9 +14,9 @@ from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
-from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_duration_s
+from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_travel_time_s
 from avrgym.vr.tracking.switches import (
-    FADING_PER_METRE,
+    CORRECTION_FADING_PER_METRE,
     MAX_DEVICE_OFFSET_M,
     MAX_SWITCH_GAP_S,
     REST_RADIUS_M,
@@ -83,7 +83,7 @@ def test_a_resting_hand_stays_where_it_is(
             for _ in range(120):
                 time_s += FRAME_S
                 pose = measured_pose(trembling(rng, rest), side, way[turn % 2], errors[turn % 2])
-                followed = hand_pose(HERE, hand.grip(pose, way[turn % 2], time_s))
+                followed = hand_pose(HERE, hand.corrected_grip(pose, way[turn % 2], time_s))
                 begins = begins or followed
                 farthest = np.maximum(farthest, apart(followed, begins))
             time_s += gap_s
@@ -98,7 +98,7 @@ def test_a_controller_that_nothing_takes_the_place_of_is_followed_to_the_last_bi
     hand = HandDevice("right")
     for number in range(200):
         pose = random_grip(rng)
-        assert hand.grip(pose, "controller", number * FRAME_S) is pose
+        assert hand.corrected_grip(pose, "controller", number * FRAME_S) is pose
 
 
 @pytest.mark.parametrize("side", SIDES)
@@ -107,12 +107,12 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
 ) -> None:
     hand, error = HandDevice(side), random_error(rng, 0.1, 40.0)
     grip = random_grip(rng)
-    hand.grip(grip, "controller", 0.0)
+    hand.corrected_grip(grip, "controller", 0.0)
     steps_m, lengths_m = [], []
     before: XRPose | None = None
     for number in range(1, 400):
         grip = compose(grip, np.array([0.006, 0.0, 0.0]), transforms.IDENTITY_QUATERNION)
-        followed = hand.grip(measured_pose(grip, side, "hand", error), "hand", number * FRAME_S)
+        followed = hand.corrected_grip(measured_pose(grip, side, "hand", error), "hand", number * FRAME_S)
         true = grip_from_wrist(measured_pose(grip, side, "hand", error), side)
         lengths_m.append(apart(hand_pose(HERE, followed), hand_pose(HERE, true))[0])
         if before is not None:
@@ -121,16 +121,16 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
     assert lengths_m[0] > 0.05
     assert lengths_m[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.diff(lengths_m).max() < 1e-9
-    assert max(steps_m) < 0.006 + FADING_PER_METRE * (REST_RADIUS_M + 0.006) + 0.002
+    assert max(steps_m) < 0.006 + CORRECTION_FADING_PER_METRE * (REST_RADIUS_M + 0.006) + 0.002
 
 
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:
     """Farther than devices are apart, or after a long time: there the hand is."""
     for way_m, gap_s in ((2.0 * MAX_DEVICE_OFFSET_M, 0.1), (0.05, 1.5 * MAX_SWITCH_GAP_S)):
         hand, grip = HandDevice("right"), random_grip(rng)
-        hand.grip(grip, "controller", 0.0)
+        hand.corrected_grip(grip, "controller", 0.0)
         wrist = measured_pose(grip, "right", "hand", random_error(rng, way_m, 10.0))
-        assert hand.grip(wrist, "hand", gap_s) == grip_from_wrist(wrist, "right")
+        assert hand.corrected_grip(wrist, "hand", gap_s) == grip_from_wrist(wrist, "right")
 
 
 def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> None:
@@ -139,7 +139,7 @@ def test_devices_that_take_turns_add_up_to_nothing(rng: np.random.Generator) -> 
     for number in range(201):
         modality: Modality = "hand" if number % 2 else "controller"
         pose = measured_pose(rest, "left", modality, error if number % 2 else NO_ERROR)
-        followed = hand.grip(pose, modality, number * FRAME_S)
+        followed = hand.corrected_grip(pose, modality, number * FRAME_S)
     assert apart(hand_pose(HERE, followed), hand_pose(HERE, rest)) == pytest.approx((0.0, 0.0), abs=1e-4)
 
 
@@ -154,8 +154,8 @@ def test_no_switch_makes_a_hand_faster_than_the_fastest(rng: np.random.Generator
             if rng.uniform() < 0.1:
                 modality = "hand" if modality == "controller" else "controller"
             pose = measured_pose(grip, "right", modality, error if modality == "hand" else NO_ERROR)
-            followed = hand.grip(pose, modality, number * FRAME_S)
-            assert number == 0 or min_duration_s(before, followed) < FRAME_S
+            followed = hand.corrected_grip(pose, modality, number * FRAME_S)
+            assert number == 0 or min_travel_time_s(before, followed) < FRAME_S
             before = followed
     assert MAX_SPEED_M_S * FRAME_S > 0.1
 

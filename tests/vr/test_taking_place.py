@@ -29,7 +29,7 @@ def chosen(visit: Visit) -> list[tuple[str, str]]:
 
 
 def test_who_connects_is_told_which_bodies_there_are(visit: Visit) -> None:
-    visit.session.welcome(visit.inbox.append, "participant", 0.0)
+    visit.session.send_initial_state(visit.inbox.append, "participant", 0.0)
     (body,) = visit.received(Body)
     assert (body.sex, body.skin_tone) == ("woman", visit.session.person.skin_tone)
     assert dict(zip(body.skin_tones, body.skin_tones_rgb, strict=True)) == SKIN_TONES

@@ -10,36 +10,36 @@ import msgspec
 import numpy as np
 import pytest
 
-from avrgym.models.body_names import BODY_PART_LABELS, BODY_PARTS, BodyPart
-from avrgym.models.human import SEATED_RAD
-from avrgym.people.distributions import DISTRIBUTIONS
-from avrgym.people.population_names import IMPAIRMENTS, Impairment
+from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TRACKED_BODY_PARTS, TrackedBodyPart
+from avrgym.models.human import SEATED_POSE_RAD
+from avrgym.people.distributions import BASE_DISTRIBUTIONS
+from avrgym.people.population_names import IMPAIRMENTS, ImpairmentName
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
-from avrgym.study.design.design import default_text, parse_design
+from avrgym.study.design.design import default_design_text, parse_design
 from avrgym.tasks import constants
 from avrgym.tasks.registry import TASKS
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import TICK_S, Modality, Phase, Ready, State, Status, Tracking, XRPose
 from avrgym.vr.session import events as session_events
-from avrgym.vr.tracking.freshness import STALE_S, Freshness
+from avrgym.vr.tracking.freshness import STALE_POSE_AGE_S, MeasurementTimes
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit, plan
 
 ROBOT = "Jaco"
-NAMES = constants.TASKS
+NAMES = constants.PACKAGED_TASKS
 NEEDED = [(name, part) for name in NAMES for part in TASKS[name].tracked]
-NEEDLESS = [(name, part) for name in NAMES for part in BODY_PARTS if part not in TASKS[name].tracked]
+NEEDLESS = [(name, part) for name in NAMES for part in TRACKED_BODY_PARTS if part not in TASKS[name].tracked]
 FRAME_S = 1.0 / 90.0
 
 Spoil = Callable[[Tracking, Tracking], Tracking]
 
 
-def missing(*parts: BodyPart) -> Spoil:
+def missing(*parts: TrackedBodyPart) -> Spoil:
     """Nothing is known of these parts."""
     return lambda frame, first: msgspec.structs.replace(frame, **dict.fromkeys(parts))
 
 
-def frozen(*parts: BodyPart) -> Spoil:
+def frozen(*parts: TrackedBodyPart) -> Spoil:
     """The device repeats the pose that these parts had first."""
     return lambda frame, first: msgspec.structs.replace(
         frame, **{part: getattr(first, part) for part in parts}
@@ -83,7 +83,7 @@ def ended(recording: Recording) -> str:
 
 
 def told(recording: Recording) -> list[tuple[str, str]]:
-    return [(event.name, event.detail) for _, event in recording.topics["/events"]]
+    return [(event.name, event.detail) for _, event in recording.messages_by_topic["/events"]]
 
 
 # Sessions ----------------------------------------------------------------------------------------------------
@@ -93,7 +93,7 @@ def told(recording: Recording) -> list[tuple[str, str]]:
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDED)
 def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
-    tmp_path: Path, task: str, part: BodyPart, kind: str
+    tmp_path: Path, task: str, part: TrackedBodyPart, kind: str
 ) -> None:
     visit = visiting(tmp_path, task)
     visit.go_to("trial")
@@ -101,7 +101,7 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     began_s = visit.now_s
     while visit.phase == "trial" and visit.now_s < began_s + 3.0:
         visit.tick()
-        if visit.now_s > began_s + STALE_S + 0.25:
+        if visit.now_s > began_s + STALE_POSE_AGE_S + 0.25:
             status = visit.received(Status)[-1]
             assert (status.needed_parts, status.untracked_parts) == (
                 list(TASKS[task].tracked),
@@ -112,13 +112,13 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert visit.session.attempt is None
     assert part in visit.happened(session_events.TrackingLost)
     assert visit.happened(session_events.TrackingTimedOut) == [part]
-    assert BODY_PART_LABELS[part] in visit.problems[-1]
+    assert TRACKED_BODY_PART_LABELS[part] in visit.problems[-1]
     text = visit.received(Phase)[-1].text
-    assert ("tracking was lost" if part == "head" else BODY_PART_LABELS[part]) in text.lower()
+    assert ("tracking was lost" if part == "head" else TRACKED_BODY_PART_LABELS[part]) in text.lower()
     (recording,) = visit.recordings()
     assert ended(recording) == "interrupted"
     assert ("tracking_lost", part) in told(recording)
-    last = [frame for _, frame in recording.topics["/tracking"]][-1]
+    last = [frame for _, frame in recording.messages_by_topic["/tracking"]][-1]
     assert last.held or (part in last.held_parts and part in last.untracked_parts)
     assert (tracking_loss_share(recording) or 0.0) > 0.7
 
@@ -134,16 +134,16 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert [ended(each) for each in visit.recordings()] == ["interrupted", "completed"]
 
 
-def lost(kind: str, part: BodyPart) -> list[BodyPart]:
+def lost(kind: str, part: TrackedBodyPart) -> list[TrackedBodyPart]:
     """A frame without a head says nothing of the hands either."""
-    return list(BODY_PARTS) if (kind, part) == ("missing", "head") else [part]
+    return list(TRACKED_BODY_PARTS) if (kind, part) == ("missing", "head") else [part]
 
 
 @pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("kind", SPOILS)
 @pytest.mark.parametrize(("task", "part"), NEEDLESS)
 def test_a_part_that_the_task_does_not_need_ends_nothing(
-    tmp_path: Path, task: str, part: BodyPart, kind: str
+    tmp_path: Path, task: str, part: TrackedBodyPart, kind: str
 ) -> None:
     visit = visiting(tmp_path, task, steps=15)
     visit.spoil = SPOILS[kind](part)
@@ -154,7 +154,7 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
     assert tracking_loss_share(recording) == pytest.approx(0.0, abs=1e-9)
-    frames = [frame for _, frame in recording.topics["/tracking"] if frame.applied]
+    frames = [frame for _, frame in recording.messages_by_topic["/tracking"] if frame.applied]
     assert all(frame.untracked_parts == [part] for frame in frames)
     assert not visit.happened(session_events.TrackingLost)
 
@@ -199,9 +199,9 @@ def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Pa
     visit.answer(4, 4, 4, 4)
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
-    assert tracking_loss_share(recording) == pytest.approx((0.8 - STALE_S) / 4.0, abs=0.03)
+    assert tracking_loss_share(recording) == pytest.approx((0.8 - STALE_POSE_AGE_S) / 4.0, abs=0.03)
     assert tracking_loss_share(recording, "left") == pytest.approx(0.0, abs=1e-9)
-    why = describe_excess_loss(recording, parse_design(default_text()))
+    why = describe_excess_loss(recording, parse_design(default_design_text()))
     print(f"\n{why}")
     assert why is not None
     assert "left hand 0.0 %, right hand 1" in why
@@ -211,7 +211,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
     """The device sleeps, and its browser goes on counting frames."""
     asleep = visiting(tmp_path, "Feeding")
     asleep.go_to("trial")
-    asleep.spoil = frozen(*BODY_PARTS)
+    asleep.spoil = frozen(*TRACKED_BODY_PARTS)
     asleep.tick(120)
     assert asleep.phase == "paused"
     assert asleep.happened(session_events.TrackingTimedOut) == ["head"]
@@ -221,7 +221,7 @@ def test_a_stream_that_repeats_itself_is_nobodys(tmp_path: Path) -> None:
 @pytest.mark.parametrize("task", NAMES)
 def test_whoever_takes_part_with_a_mouse_and_keeps_still_is_tracked(tmp_path: Path, task: str) -> None:
     visit = visiting(tmp_path, task, steps=15)
-    still = frozen(*BODY_PARTS)
+    still = frozen(*TRACKED_BODY_PARTS)
     visit.spoil = lambda frame, first: msgspec.structs.replace(
         still(frame, first), left_modality="mouse", right_modality="mouse"
     )
@@ -239,25 +239,25 @@ def pose(x_m: float) -> XRPose:
 
 
 def frame(number: int, kept: Mapping[str, XRPose | None], by_mouse: str = "") -> Tracking:
-    poses = {part: pose(1e-9 * number) for part in BODY_PARTS} | dict(kept)
+    poses = {part: pose(1e-9 * number) for part in TRACKED_BODY_PARTS} | dict(kept)
     modality: list[Modality] = ["mouse" if side == by_mouse else "controller" for side in ("left", "right")]
     return Tracking(number, 0.0, poses["head"], poses["left"], poses["right"], *modality)
 
 
-def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[BodyPart, ...]:
+def seen(frames: int, make: Callable[[int], Tracking]) -> tuple[TrackedBodyPart, ...]:
     """Which parts are stale after so many frames."""
-    freshness = Freshness()
+    freshness = MeasurementTimes()
     for number in range(frames):
         freshness.update(make(number), number * FRAME_S)
-    return freshness.stale((frames - 1) * FRAME_S)
+    return freshness.stale_parts((frames - 1) * FRAME_S)
 
 
-STALE_FRAMES = round(STALE_S / FRAME_S) + 2
+STALE_FRAMES = round(STALE_POSE_AGE_S / FRAME_S) + 2
 
 
-@pytest.mark.parametrize("part", BODY_PARTS)
+@pytest.mark.parametrize("part", TRACKED_BODY_PARTS)
 @pytest.mark.parametrize("kept", [None, pose(0.5)])
-def test_a_part_is_stale_after_0_2_s_without_a_new_pose(part: BodyPart, kept: XRPose | None) -> None:
+def test_a_part_is_stale_after_0_2_s_without_a_new_pose(part: TrackedBodyPart, kept: XRPose | None) -> None:
     def make(number: int) -> Tracking:
         return frame(number, {part: kept} if number else {})
 
@@ -277,18 +277,20 @@ def test_a_mouse_that_rests_is_fresh(hand: str) -> None:
 
 
 def test_before_the_first_frame_no_part_is_stale_and_none_is_tracked() -> None:
-    freshness = Freshness()
-    assert freshness.stale(10.0) == ()
-    assert freshness.age_s("head", 10.0) == np.inf
+    freshness = MeasurementTimes()
+    assert freshness.stale_parts(10.0) == ()
+    assert freshness.pose_age_s("head", 10.0) == np.inf
 
 
 @pytest.mark.parametrize("people", ["original", "participants"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
-def test_no_simulated_participant_repeats_a_pose(people: str, impairment: Impairment) -> None:
-    someone = SimulatedParticipant(draw_traits("man", 3, DISTRIBUTIONS[people], impairment), 3)
-    frames = [someone.frame(0.02 * n, moving=n >= 50) for n in range(100)]
-    frames += [someone.frame_from_angles(SEATED_RAD, 3.0 + 0.02 * n) for n in range(50)]
-    for part in BODY_PARTS:
+def test_no_simulated_participant_repeats_a_pose(people: str, impairment: ImpairmentName) -> None:
+    someone = SimulatedParticipant(
+        sample_participant_traits("man", 3, BASE_DISTRIBUTIONS[people], impairment), 3
+    )
+    frames = [someone.tracking_frame(0.02 * n, moving=n >= 50) for n in range(100)]
+    frames += [someone.tracking_frame_from_angles(SEATED_POSE_RAD, 3.0 + 0.02 * n) for n in range(50)]
+    for part in TRACKED_BODY_PARTS:
         assert all(getattr(a, part) != getattr(b, part) for a, b in pairwise(frames))
 
 

@@ -21,9 +21,9 @@ from avrgym.vr.protocol.messages import (
     Visibility,
     VisibilityChanged,
 )
-from avrgym.vr.server.inbox import MESSAGES_PER_TICK, Inbox
+from avrgym.vr.server.inbox import MAX_MESSAGES_PER_TICK, Inbox
 from avrgym.vr.session import events as session_events
-from avrgym.vr.tracking.frames import STALE_S
+from avrgym.vr.tracking.frames import STALE_POSE_AGE_S
 from helpers.vr.visit import ENVIRONMENT, FRAME_EVERY_TICKS, Visit, events, result
 
 UNSEEN = [visibility for visibility in get_args(Visibility) if visibility != "visible"]
@@ -139,7 +139,7 @@ def test_a_menu_that_opens_while_the_scene_loads_begins_no_trial(visit: Callable
 def test_a_new_connection_sees_the_scene_until_it_reports_otherwise(visit: Callable[..., Visit]) -> None:
     back = visit()
     back.send(VisibilityChanged("hidden"))
-    back.session.welcome(back.inbox.append, "participant", back.now_s)
+    back.session.send_initial_state(back.inbox.append, "participant", back.now_s)
     back.calibrate()
     back.run_until("trial")
 
@@ -206,7 +206,9 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
         away.tick()
         ticks += 1
     print(f"\nthe robot holds {ticks * TICK_S:.2f} s after the last frame")
-    assert ticks * TICK_S <= STALE_S + 2 * TICK_S  # the last frame came in the tick before the first of these
+    assert (
+        ticks * TICK_S <= STALE_POSE_AGE_S + 2 * TICK_S
+    )  # the last frame came in the tick before the first of these
     driven_m_s = speed_m_s(away)
     away.tick(30)
     assert speed_m_s(away) < 0.1 * driven_m_s
@@ -218,7 +220,7 @@ def test_the_robot_holds_within_a_tick_once_tracking_is_stale_and_goes_on_with_i
     away.answer(4, 4, 4, 4)
     (recording,) = away.recordings()
     assert result(recording) == "completed"
-    steps = [step for _, step in recording.topics["/control"]]
+    steps = [step for _, step in recording.messages_by_topic["/control"]]
     assert [any(step.action) for step in steps] == [not step.idle for step in steps]
     assert sum(step.idle for step in steps) >= 3
     assert verify(recording).identical
@@ -229,7 +231,7 @@ def way_to_rest_m(stopping: Visit, lose: Callable[[Visit], None]) -> float:
     stopping.go_to("trial")
     stopping.tick(FRAME_EVERY_TICKS * 20 - stopping._ticks % FRAME_EVERY_TICKS + 1)
     stopping.tracking = False
-    stopping.tick(round(STALE_S / TICK_S) - 1)
+    stopping.tick(round(STALE_POSE_AGE_S / TICK_S) - 1)
     assert speed_m_s(stopping) > 0.1
     lose(stopping)
     simulation = stopping.session.world.simulation
@@ -268,12 +270,12 @@ def test_stale_tracking_stops_the_robot_as_its_brakes_do(
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_nothing_that_waits_delays_it(visibility: Visibility) -> None:
     inbox, lost = Inbox(), VisibilityChanged(visibility)
-    for number in range(5 * MESSAGES_PER_TICK):
+    for number in range(5 * MAX_MESSAGES_PER_TICK):
         inbox.put(Tracking(number, 0.0, None, None, None, "none", "none"))
     inbox.put(VISIBLE)
     inbox.put(lost)
-    assert inbox.take() == lost
+    assert inbox.get() == lost
     taken = []
-    while (message := inbox.take()) is not None:
+    while (message := inbox.get()) is not None:
         taken.append(message)
     assert [each for each in taken if isinstance(each, VisibilityChanged)] == [VISIBLE, lost]

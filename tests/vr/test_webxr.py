@@ -16,8 +16,8 @@ from avrgym.vr.protocol.webxr import (
     hand_pose_from_wrist,
     head_pose,
     headset_from_head,
-    is_valid,
-    register,
+    is_valid_pose,
+    registration_from_head,
 )
 from avrgym.vr.tracking.frames import body_pose
 
@@ -53,7 +53,7 @@ def test_up_stays_up_and_lengths_stay() -> None:
 def test_registering_puts_the_head_over_the_seat_with_its_gaze_along_minus_y(yaw_rad: float) -> None:
     half = 0.5 * yaw_rad
     head = XRPose((0.4, 1.2, -0.7), (0.0, float(np.sin(half)), 0.0, float(np.cos(half))))
-    pose = head_pose(register(head, np.array([0.0, 0.03, 1.15])), head)
+    pose = head_pose(registration_from_head(head, np.array([0.0, 0.03, 1.15])), head)
     np.testing.assert_allclose(pose.pos_w, [0.0, 0.03, 1.15], atol=1e-12)
     np.testing.assert_allclose(transforms.rotate(pose.q_w, AHEAD_W), AHEAD_W, atol=1e-12)
 
@@ -67,7 +67,7 @@ def test_registering_does_not_mind_a_nod(pitch_rad: float) -> None:
     )
     w, x, y, z = turn.tolist()
     head = XRPose((0.4, 1.2, -0.7), (x, y, z, w))
-    pose = head_pose(register(head, np.array([0.1, 0.03, 1.2])), head)
+    pose = head_pose(registration_from_head(head, np.array([0.1, 0.03, 1.2])), head)
     np.testing.assert_allclose(pose.pos_w, [0.1, 0.03, 1.2], atol=1e-12)
     ahead = transforms.rotate(pose.q_w, AHEAD_W)
     np.testing.assert_allclose(ahead, [0.0, -np.cos(pitch_rad), np.sin(pitch_rad)], atol=1e-12)
@@ -75,7 +75,7 @@ def test_registering_does_not_mind_a_nod(pitch_rad: float) -> None:
 
 def test_the_head_lies_behind_the_headset() -> None:
     head = XRPose((0.0, 1.2, 0.0), UPRIGHT)
-    registration = register(head, np.zeros(3))
+    registration = registration_from_head(head, np.zeros(3))
     headset = registration.to_world(head).pos_w
     np.testing.assert_allclose(
         headset - head_pose(registration, head).pos_w, [0, -HEADSET_OFFSET_M, 0], atol=1e-12
@@ -123,8 +123,8 @@ def test_a_tracked_hand_on_a_table_points_ahead_with_its_thumb_inward(side: Lite
     ],
 )
 def test_poses_that_no_headset_has_are_not_valid(pose: XRPose) -> None:
-    assert not is_valid(pose)
-    assert is_valid(XRPose((0.1, 1.2, -0.3), UPRIGHT))
+    assert not is_valid_pose(pose)
+    assert is_valid_pose(XRPose((0.1, 1.2, -0.3), UPRIGHT))
 
 
 def test_hand_poses_depend_on_their_modality(rng: np.random.Generator) -> None:

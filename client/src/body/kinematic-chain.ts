@@ -2,7 +2,7 @@ import { Euler, Quaternion, Vector3, type EulerOrder } from "three";
 import { PERSON } from "../generated/body-model";
 import type { JointAngles, Side } from "./body-solver";
 import { POSE } from "../scene/state-interpolation";
-import type { BodyPart, Skeleton } from "../generated/messages";
+import type { TrackedBodyPart, Skeleton } from "../generated/messages";
 
 /** A body of a chain: the offset of its pose, its joints, and its position in the frame of its parent. */
 interface Link {
@@ -14,7 +14,7 @@ interface Link {
 
 /** Connected bodies. `simulatedShare`: 0 to draw them as tracked, 1 as simulated. */
 export interface Chain {
-  part: BodyPart;
+  part: TrackedBodyPart;
   links: [Link, ...Link[]];
   simulatedShare: number;
 }
@@ -46,7 +46,7 @@ export function chainsOf(skeleton: Skeleton, bodies: readonly string[]): [trunk:
   return [trunk, arm("left", new Vector3(-right[0], right[1], right[2])), arm("right", new Vector3(...right))];
 }
 
-function chain(part: BodyPart, links: Chain["links"]): Chain {
+function chain(part: TrackedBodyPart, links: Chain["links"]): Chain {
   return { part, links, simulatedShare: 1 };
 }
 

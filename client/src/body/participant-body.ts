@@ -2,7 +2,7 @@ import { Quaternion, Vector3 } from "three";
 import { ARM } from "../generated/body-model";
 import { BodySolver, type BodyPose, type JointAngles } from "./body-solver";
 import { chainsOf, drawChain, type Chain, type Place } from "./kinematic-chain";
-import { TICK_S, type BodyPart, type Scene } from "../generated/messages";
+import { TICK_S, type TrackedBodyPart, type Scene } from "../generated/messages";
 import type { State } from "../session/state-decoder";
 
 /** Time for blending a deviating part from the tracked to the simulated pose, and back. */
@@ -22,7 +22,7 @@ export class ParticipantBody {
   private readonly chains: [trunk: Chain, ...arms: Chain[]];
   private targets: JointAngles | null = null;
   private angles: JointAngles | null = null;
-  private deviating: ReadonlySet<BodyPart> = new Set();
+  private deviating: ReadonlySet<TrackedBodyPart> = new Set();
   private lastMs: number | null = null;
 
   constructor({ skeleton, bodies }: Scene) {

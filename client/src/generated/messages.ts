@@ -22,11 +22,11 @@ export type StopInput = "buttons" | "experimenter" | "gaze" | "palm" | "switch";
 
 export type ClientSource = "button" | "dwell" | "key" | "switch";
 
-export type WatcherSource = "caregiver" | "experimenter";
+export type OtherPersonSource = "caregiver" | "experimenter";
 
 export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
-export type BodyPart = "head" | "left" | "right";
+export type TrackedBodyPart = "head" | "left" | "right";
 
 export type Sex = "man" | "woman";
 
@@ -318,7 +318,7 @@ export interface Drive {
 export interface WatcherRobotCommand {
   type: "robot_command";
   name: RobotCommandName;
-  source: WatcherSource;
+  source: OtherPersonSource;
   client_time_ms: number;
 }
 
@@ -448,7 +448,7 @@ export interface StateChange {
   sequence: number;
   simulation_time_s: number;
   tracking_sequence: number;
-  deviating_parts: BodyPart[];
+  deviating_parts: TrackedBodyPart[];
   joint_targets: Uint8Array;
   poses: Uint8Array;
 }
@@ -513,7 +513,7 @@ export interface Problem {
 export interface RobotCommands {
   type: "robot_commands";
   commands: CommandLabel[];
-  sources: ("gaze" | "nod" | "shake" | ClientSource | WatcherSource)[];
+  sources: ("gaze" | "nod" | "shake" | ClientSource | OtherPersonSource)[];
   mode: string;
   speed_factor: number;
   distance_m: number;
@@ -570,8 +570,8 @@ export interface Status {
   visibility: Visibility;
   left_modality: Modality;
   right_modality: Modality;
-  needed_parts: BodyPart[];
-  untracked_parts: BodyPart[];
+  needed_parts: TrackedBodyPart[];
+  untracked_parts: TrackedBodyPart[];
   operated: boolean;
   idle: boolean;
   latency: StageLatency[];

@@ -3,7 +3,7 @@ import {
   STAGE_LABELS,
   STALE_S,
   TICK_S,
-  type BodyPart,
+  type TrackedBodyPart,
   type PhaseName,
   type Status,
   type Timing,
@@ -94,10 +94,10 @@ function trackingText(status: Status): string {
   return `${(1000 * tracking_age_s).toFixed(0)} ms old, ${hands}${untrackedText(status)}`;
 }
 
-const PART_TEXTS: Readonly<Record<BodyPart, string>> = { head: "head", left: "left hand", right: "right hand" };
+const PART_TEXTS: Readonly<Record<TrackedBodyPart, string>> = { head: "head", left: "left hand", right: "right hand" };
 
 function untrackedText({ untracked_parts, needed_parts }: Status): string {
-  const words = (part: BodyPart) =>
+  const words = (part: TrackedBodyPart) =>
     `; ${PART_TEXTS[part]} not tracked${needed_parts.includes(part) ? ": the task needs it" : ""}`;
   return untracked_parts.map(words).join("");
 }

@@ -5,7 +5,7 @@ import { BodySolver, type BodyPose, type JointAngles, type Pose } from "../../sr
 import { chainsOf, drawChain } from "../../src/body/kinematic-chain";
 import { POSE } from "../../src/scene/state-interpolation";
 import { bodyPose } from "../../src/body/body-pose";
-import type { Modality, BodyPart, Scene, XRPose } from "../../src/generated/messages";
+import type { Modality, TrackedBodyPart, Scene, XRPose } from "../../src/generated/messages";
 import { BLEND_MS, ParticipantBody } from "../../src/body/participant-body";
 import type { State } from "../../src/session/state-decoder";
 import { Hands } from "../../src/tracking/modality-switch";
@@ -65,7 +65,7 @@ function apart(a: Pose, b: Pose): { m: number; deg: number } {
   return { m, deg: (turn(a.q).angleTo(turn(b.q)) * 180) / Math.PI };
 }
 
-function state(targets: JointAngles, deviating: BodyPart[] = []): State {
+function state(targets: JointAngles, deviating: TrackedBodyPart[] = []): State {
   return { joint_targets: targets, deviating_parts: deviating } as unknown as State;
 }
 
@@ -103,7 +103,7 @@ class Client {
   }
 
   /** What is drawn of a pose, over what is simulated for the server's targets of some frames ago. */
-  draw(pose: BodyPose, targets: JointAngles, deviating: BodyPart[] = [], where: JointAngles = targets): Float32Array {
+  draw(pose: BodyPose, targets: JointAngles, deviating: TrackedBodyPart[] = [], where: JointAngles = targets): Float32Array {
     this.own.take(state(targets, deviating));
     const poses = simulated(where);
     this.own.draw(poses, pose, FRAME_MS * this.frames++, LATE * FRAME_MS);
@@ -161,7 +161,7 @@ describe("the participant's own arms", () => {
     const pose = poseOf(reaching);
     const gap = apart(handOf(simulated(blocked), "right"), pose.right!).m;
     const frames = Math.ceil(BLEND_MS / FRAME_MS) + 1;
-    const show = (count: number, deviating: BodyPart[]) =>
+    const show = (count: number, deviating: TrackedBodyPart[]) =>
       Array.from({ length: count }, () => client.draw(pose, reaching, deviating, blocked));
     const [free, over, back] = [show(60, []), show(frames, ["right"]), show(frames, [])];
     expect(apart(handOf(free.at(-1)!, "right"), pose.right!).m).toBeLessThan(0.01);

@@ -5,50 +5,50 @@ from typing import Any
 
 from avrgym.analysis.page.elements import Markup, count_text, number_text, table, tag
 from avrgym.analysis.reading.rows import TrialRow
-from avrgym.analysis.study import Analysis
-from avrgym.study.people.adverse_events import RELATEDNESS, SERIOUSNESS, SEVERITIES, SOURCES
+from avrgym.analysis.study import StudyAnalysis
+from avrgym.study.people.adverse_events import RELATEDNESS, SCALE_SOURCES, SERIOUSNESS, SEVERITIES
 
-Condition = tuple[str | None, str | None]
+EventCondition = tuple[str | None, str | None]
 """Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE_TRIALS`` for events outside trials."""
 PRACTICE, OUTSIDE_TRIALS = ("practice", None), (None, None)
 NO_EVENTS_TEXT = "No adverse events were recorded."
-REPORTS_LOST = "The database was rebuilt from the recordings: reports from before that are lost."
-SAFETY_NOTE = (
+LOST_REPORTS_TEXT = "The database was rebuilt from the recordings: reports from before that are lost."
+ROBOT_SAFETY_NOTE = (
     "Stopped attempts, interventions of the force guard and contact forces are measures of the robots. They are not "
     "adverse events, and no adverse event is derived from them."
 )
 
 
-def adverse_events_section(analysis: Analysis) -> Markup:
+def adverse_events_section(analysis: StudyAnalysis) -> Markup:
     """Returns the report section about the adverse events of people. Withdrawn participants are included."""
-    events = latest_reports(analysis)
+    events = latest_event_reports(analysis)
     shown = [_by_condition(analysis, events)] if events else []
     return tag(
         "section",
         tag("h3", "Adverse events"),
         tag("p", describe_adverse_events(analysis)),
         *shown,
-        *([tag("p", SOURCES)] if events else []),
-        tag("p", SAFETY_NOTE),
+        *([tag("p", SCALE_SOURCES)] if events else []),
+        tag("p", ROBOT_SAFETY_NOTE),
         _safety(analysis),
     )
 
 
-def latest_reports(analysis: Analysis) -> list[Mapping[str, Any]]:
+def latest_event_reports(analysis: StudyAnalysis) -> list[Mapping[str, Any]]:
     """Returns the latest report of each adverse event in the study."""
     return list({row["event"]: row for row in analysis.adverse_events}.values())
 
 
-def describe_adverse_events(analysis: Analysis) -> str:
+def describe_adverse_events(analysis: StudyAnalysis) -> str:
     """Returns sentences for the methods section: number of events, number of affected people, and lost reports."""
-    events = latest_reports(analysis)
+    events = latest_event_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (
         f" Reports of {count_text(flow.deleted, 'deleted participant')} were deleted with their data."
         if flow and flow.deleted
         else ""
     )
-    lost = f" {REPORTS_LOST}" if analysis.rebuilt_at else ""
+    lost = f" {LOST_REPORTS_TEXT}" if analysis.rebuilt_at else ""
     if not events:
         return f"{NO_EVENTS_TEXT}{deleted}{lost}"
     people = len({row["participant"] for row in events})
@@ -60,7 +60,7 @@ def describe_adverse_events(analysis: Analysis) -> str:
     )
 
 
-def _by_condition(analysis: Analysis, events: Sequence[Mapping[str, Any]]) -> Markup:
+def _by_condition(analysis: StudyAnalysis, events: Sequence[Mapping[str, Any]]) -> Markup:
     trials = _trials(analysis)
     body: list[tuple[object, ...]] = []
     for condition in _conditions(trials):
@@ -75,11 +75,11 @@ def _by_condition(analysis: Analysis, events: Sequence[Mapping[str, Any]]) -> Ma
     return table(caption, (*heads, "Serious", "Related"), body, numbers=range(1, 11))
 
 
-def _safety(analysis: Analysis) -> Markup:
+def _safety(analysis: StudyAnalysis) -> Markup:
     trials = _trials(analysis)
     stopped = [
         _of(row.robot, row.policy, row.practice)
-        for row in analysis.observed.attempts
+        for row in analysis.study_data.attempts
         if row.state == "stopped" and not row.simulated
     ]
     body: list[tuple[object, ...]] = []
@@ -100,26 +100,26 @@ def _safety(analysis: Analysis) -> Markup:
     return table("Stops, force guard and contact forces by condition", heads, body, numbers=range(1, 5))
 
 
-def _trials(analysis: Analysis) -> list[TrialRow]:
-    return [row for row in analysis.observed.trials if not row.simulated]
+def _trials(analysis: StudyAnalysis) -> list[TrialRow]:
+    return [row for row in analysis.study_data.trials if not row.simulated]
 
 
-def _conditions(trials: Sequence[TrialRow]) -> list[Condition]:
+def _conditions(trials: Sequence[TrialRow]) -> list[EventCondition]:
     """Returns the conditions of ``trials`` in sorted order, then ``PRACTICE`` (if any), then ``OUTSIDE_TRIALS``."""
     found = sorted({_of_trial(row) for row in trials} - {PRACTICE}, key=str)
-    practice: list[Condition] = [PRACTICE] if any(row.practice for row in trials) else []
+    practice: list[EventCondition] = [PRACTICE] if any(row.practice for row in trials) else []
     return [*found, *practice, OUTSIDE_TRIALS]
 
 
-def _of_trial(row: TrialRow) -> Condition:
+def _of_trial(row: TrialRow) -> EventCondition:
     return _of(row.robot, row.policy, row.practice)
 
 
-def _of(robot: str | None, policy: str | None, practice: bool | None) -> Condition:
+def _of(robot: str | None, policy: str | None, practice: bool | None) -> EventCondition:
     return PRACTICE if practice else (robot, policy)
 
 
-def _named(condition: Condition) -> str:
+def _named(condition: EventCondition) -> str:
     if condition == OUTSIDE_TRIALS:
         return "outside trials"
     return "practice" if condition == PRACTICE else " ".join(map(str, condition))

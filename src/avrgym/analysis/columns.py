@@ -4,40 +4,44 @@ from dataclasses import replace
 from typing import Annotated
 
 from avrgym.study.export import rows
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.system.columns import Column
 
 AT_LEAST_0, AT_LEAST_1, SHARE = "0 and above", "1 and above", "0 to 1"
-ABOUT_SESSIONS = "the row is about whole sessions"
-NOT_TESTED = "no test was possible"
-_ANSWERS = TABLES["answers"]
+ABOUT_SESSIONS_TEXT = "the row is about whole sessions"
+NOT_TESTED_TEXT = "no test was possible"
+_ANSWERS = COLUMNS_BY_TABLE["answers"]
 AttemptNumber = rows.AttemptNumber
 IsSimulated = rows.IsSimulated
-Moment = rows.Moment
+QuestionMoment = rows.QuestionMoment
 PolicyName = rows.PolicyName
-Position = rows.Position
-Practice = rows.Practice
+TrialPosition = rows.TrialPosition
+IsPractice = rows.IsPractice
 Pseudonym = rows.Pseudonym
 QuestionnaireName = rows.QuestionnaireName
 RobotName = rows.RobotName
-Session = rows.Session
-Site = rows.Site
+SessionNumber = rows.SessionNumber
+SiteName = rows.SiteName
 TaskName = rows.TaskName
-PolicyNameOrNone = Annotated[str | None, replace(TABLES["attempts"]["policy"], empty=ABOUT_SESSIONS)]
+PolicyNameOrNone = Annotated[
+    str | None, replace(COLUMNS_BY_TABLE["attempts"]["policy"], empty=ABOUT_SESSIONS_TEXT)
+]
 ItemName = Annotated[str, _ANSWERS["item"]]
-N = Annotated[int, Column("Number of values.", allowed=AT_LEAST_0)]
-ByProxy = Annotated[int, Column("Number of values from answers of a proxy.", allowed="0 to n")]
+ValueCount = Annotated[int, Column("Number of values.", allowed=AT_LEAST_0)]
+ProxyAnswerCount = Annotated[int, Column("Number of values from answers of a proxy.", allowed="0 to n")]
 Mean = Annotated[float, Column("Mean.")]
 Minimum = Annotated[float, Column("Minimum.")]
 LowerQuartile = Annotated[float, Column("Lower quartile, by linear interpolation.")]
 Median = Annotated[float, Column("Median.")]
 UpperQuartile = Annotated[float, Column("Upper quartile, by linear interpolation.")]
 Maximum = Annotated[float, Column("Maximum.")]
-Family = Annotated[str, Column("Family of tests that are corrected together.")]
-Quantity = Annotated[str, Column("The quantity; its name ends with its unit.")]
+FamilyName = Annotated[str, Column("Family of tests that are corrected together.")]
+QuantityName = Annotated[str, Column("The quantity; its name ends with its unit.")]
 GroupA = Annotated[str, Column("First group of the comparison.")]
 GroupB = Annotated[str, Column("Second group of the comparison.")]
-Zeros = Annotated[int, Column("Number of zero differences, which the test omits.", allowed=AT_LEAST_0)]
+ZeroDifferenceCount = Annotated[
+    int, Column("Number of zero differences, which the test omits.", allowed=AT_LEAST_0)
+]
 MedianA = Annotated[float | None, Column("Median of the first group.", empty="no values, or positions")]
 MedianB = Annotated[float | None, Column("Median of the second group.", empty="no values, or positions")]
 EffectSize = Annotated[
@@ -49,19 +53,19 @@ EffectSize = Annotated[
     ),
 ]
 _NO_INTERVAL = "no effect size, a test by trial, an energy distance, or too few participants"
-EffectLow = Annotated[
+EffectSizeLow = Annotated[
     float | None,
     Column("Lower bound of its 95 % confidence interval.", allowed="-1 to 1", empty=_NO_INTERVAL),
 ]
-EffectHigh = Annotated[
+EffectSizeHigh = Annotated[
     float | None,
     Column("Upper bound of its 95 % confidence interval.", allowed="-1 to 1", empty=_NO_INTERVAL),
 ]
-PValue = Annotated[float | None, Column("Two-sided p value.", allowed=SHARE, empty=NOT_TESTED)]
-PHolm = Annotated[
-    float | None, Column("p after Holm's correction within the family.", allowed=SHARE, empty=NOT_TESTED)
+PValue = Annotated[float | None, Column("Two-sided p value.", allowed=SHARE, empty=NOT_TESTED_TEXT)]
+HolmCorrectedP = Annotated[
+    float | None, Column("p after Holm's correction within the family.", allowed=SHARE, empty=NOT_TESTED_TEXT)
 ]
-PPrimary = Annotated[
+PrimaryCorrectedP = Annotated[
     float | None,
     Column(
         "p after correction over all primary results of the study.",
@@ -69,14 +73,14 @@ PPrimary = Annotated[
         empty="not a primary result, or no test was possible",
     ),
 ]
-Stars = Annotated[
+SignificanceStars = Annotated[
     str,
     Column(
         "Stars for p_primary: * < 0.05, ** < 0.01, *** < 0.001.",
         empty="0.05 or more, or not a primary result",
     ),
 ]
-Role = Annotated[
+ResultRole = Annotated[
     str,
     Column("Role for its question.", allowed="primary, sensitivity analysis, secondary, supplement"),
 ]

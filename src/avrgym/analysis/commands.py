@@ -9,7 +9,7 @@ from avrgym.analysis.reading.rows import TrialRow
 from avrgym.commands.preferences import describe_preferences
 from avrgym.study.design.design import Condition, Design
 
-COMMANDS_METHOD = (
+COMMANDS_METHOD_TEXT = (
     "Commands: an ignored command is not allowed in its condition, or no trial ran. Waiting time: time at the waiting "
     "pose. Agreement: share of the executed commands after which the robot did what they mean within 1.5 s: the tool "
     "comes nearer by 1 cm or is nearer than 5 cm (ready, again, closer), does not come nearer (wait, farther, other "
@@ -58,7 +58,7 @@ def describe_condition(rules: Condition) -> str:
         words.append("without commands")
     if rules.preferences:
         words.append("with the participants' own preferences")
-    if rules.settings.changed:
+    if rules.settings.changed_values:
         words.append(f"settings {rules.settings}")
     described = f"{'; '.join(words)}."
     return f"{described} {describe_preferences(rules.defaults)}" if rules.uses_pacing_layer else described

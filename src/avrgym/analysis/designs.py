@@ -8,17 +8,17 @@ from avrgym.analysis.columns import AT_LEAST_1, IsSimulated, QuestionnaireName
 from avrgym.analysis.page.elements import Markup, bullet_list, table, tag, warning_box
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import Design
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.storage.item_versions import AnsweredItems, base_name
 from avrgym.study.storage.session_designs import SessionDesign, describe_trials
 from avrgym.study.storage.store import Store
 from avrgym.system.columns import Column
 
-_ITEMS = TABLES["items"]
+_ITEMS = COLUMNS_BY_TABLE["items"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class ItemRow:
+class ItemVersionRow:
     """One version of a questionnaire item, and its number of answers from people or from simulated participants."""
 
     simulated: IsSimulated
@@ -37,21 +37,21 @@ class ItemRow:
     answers: Annotated[int, Column("Number of answers to it.", allowed=AT_LEAST_1)]
 
 
-def item_rows(store: Store, answered_items: AnsweredItems) -> list[ItemRow]:
+def item_version_rows(store: Store, answered_items: AnsweredItems) -> list[ItemVersionRow]:
     """Returns a row for each answered version of each item, separately for people and simulated participants."""
     simulated = {each.pseudonym: each.simulated for each in store.participants()}
     scales = {
         item.id: own.scale_of(item) for own in answered_items.design.questionnaires for item in own.items
     }
     return [
-        ItemRow(
+        ItemVersionRow(
             simulated=group,
-            questionnaire=version.questionnaire,
+            questionnaire=version.questionnaire_name,
             item=version.item.id,
-            version=version.number,
+            version=version.version_number,
             text=version.item.text,
-            minimum=scale.lowest,
-            maximum=scale.highest,
+            minimum=scale.lowest_value,
+            maximum=scale.highest_value,
             points=scale.points,
             low=version.item.low,
             high=version.item.high,
@@ -81,7 +81,7 @@ def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
     return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
 
 
-def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]) -> Markup:
+def differences_section(differences: Sequence[Finding], items: Sequence[ItemVersionRow]) -> Markup:
     """Returns the report section: each difference between designs, and all versions of changed items.
 
     The section is empty if there are no differences.
@@ -92,7 +92,7 @@ def differences_section(differences: Sequence[Finding], items: Sequence[ItemRow]
     return tag("section", tag("h2", DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
 
 
-def _versions(items: Sequence[ItemRow]) -> list[Markup]:
+def _versions(items: Sequence[ItemVersionRow]) -> list[Markup]:
     changed = {base_name(row.item) for row in items if row.version > 1}
     shown = [row for row in items if base_name(row.item) in changed]
     if not shown:

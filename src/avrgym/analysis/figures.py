@@ -1,31 +1,31 @@
 """Draw all figures of a study."""
 
 from avrgym.analysis.answers.figures import (
-    mean_answers_figures,
-    session_answers_figures,
-    trial_answers_figures,
+    mean_answer_figures,
+    session_answer_figures,
+    trial_answer_figures,
 )
 from avrgym.analysis.biomechanics.figures import head_position_figure, torso_height_figure
 from avrgym.analysis.outcomes.figures import reward_figure, success_figure
-from avrgym.analysis.page.drawing import Drawing
-from avrgym.analysis.study import Analysis
+from avrgym.analysis.page.drawing import ReportFigure
+from avrgym.analysis.study import StudyAnalysis
 
 
-def draw_figures(analysis: Analysis) -> list[Drawing]:
+def draw_figures(analysis: StudyAnalysis) -> list[ReportFigure]:
     """Returns all figures that have data. In each kind of figure, people are before simulated participants."""
-    drawings: list[Drawing] = []
-    for simulated in sorted({row.simulated for row in analysis.objective}):
+    drawings: list[ReportFigure] = []
+    for simulated in sorted({row.simulated for row in analysis.objective_outcomes}):
         drawings += [
-            success_figure(analysis.design, simulated, analysis.objective),
-            reward_figure(analysis.design, simulated, analysis.objective),
+            success_figure(analysis.design, simulated, analysis.objective_outcomes),
+            reward_figure(analysis.design, simulated, analysis.objective_outcomes),
         ]
-    for simulated in sorted({row.simulated for row in analysis.likert}):
-        own = [row for row in analysis.likert if row.simulated is simulated]
+    for simulated in sorted({row.simulated for row in analysis.answer_frequencies}):
+        own = [row for row in analysis.answer_frequencies if row.simulated is simulated]
         tests = [row for row in analysis.tests if row.simulated is simulated]
-        drawings += trial_answers_figures(analysis.design, simulated, own, tests)
-        drawings += session_answers_figures(analysis.design, simulated, own, tests)
-        drawings += mean_answers_figures(analysis.design, simulated, analysis.subjective, tests)
-    for group in analysis.groups:
-        drawings.append(torso_height_figure(group, analysis.people))
-        drawings.append(head_position_figure(group, analysis.people))
+        drawings += trial_answer_figures(analysis.design, simulated, own, tests)
+        drawings += session_answer_figures(analysis.design, simulated, own, tests)
+        drawings += mean_answer_figures(analysis.design, simulated, analysis.answer_summaries, tests)
+    for group in analysis.body_trials:
+        drawings.append(torso_height_figure(group, analysis.training_people))
+        drawings.append(head_position_figure(group, analysis.training_people))
     return drawings

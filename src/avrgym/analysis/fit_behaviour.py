@@ -19,15 +19,20 @@ from itertools import pairwise
 import numpy as np
 from scipy import signal
 
-from avrgym.analysis.recorded_motion import CHANNELS, ELBOW, HEAD_X, WAIST_X, WAIST_Y, RecordedMotion
-from avrgym.analysis.statistics.shrinkage import Shrunken, shrink
+from avrgym.analysis.recorded_motion import ELBOW, HEAD_X, MOTION_JOINTS, WAIST_X, WAIST_Y, RecordedMotion
+from avrgym.analysis.statistics.shrinkage import ShrunkenEstimates, shrink_estimates
 from avrgym.array_types import FloatArray
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD, People
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, People
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people import motor
-from avrgym.people.motor import SPEED_RAD_S, STARTLE_SPEED_FACTOR, STARTLED_FOLLOW, USUAL_SPEED_SHARE
+from avrgym.people.motor import (
+    MAX_JOINT_SPEED_RAD_S,
+    NOISE_FREE_SPEED_SHARE,
+    STARTLE_SPEED_FACTOR,
+    STARTLED_FILTER_GAIN,
+)
 from avrgym.people.zoo import partner_behaviour
-from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, parameters_of
+from avrgym.people.zoo.partners import DEFAULT_PARAMETER_BOUNDS, PARAMETER_BOUNDS, parameters_of
 
 MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.35, 0.2),
@@ -41,10 +46,10 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
 """Movement parameters, with mean and standard deviation of a weak prior. The priors cover the partners of the zoo. If a
 participant's trials contain no information about a parameter (for example, the tool was never near), its variance is
 the prior variance."""
-RHYTHMS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
-FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMS)
+RHYTHMIC_PARAMETERS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
+FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMIC_PARAMETERS)
 SWAY_STEP_HZ = 0.004
-SWAY_HZ, TREMOR_HZ = (0.05, 0.6), (3.5, 12.0)
+SWAY_BAND_HZ, TREMOR_BAND_HZ = (0.05, 0.6), (3.5, 12.0)
 """Frequency bands for the search of sway and tremor. Tremor is between 4 and 12 Hz (Bhatia et al., Mov. Disord. 33:75,
 2018)."""
 _GRID = [
@@ -63,27 +68,27 @@ _SEARCHED: Mapping[str, FloatArray] = {
     "startle_duration_s": 0.05 * np.arange(-8.0, 9.0),
 }
 """Parameters for the grid search, and the changes to try. Predictions depend on them little or discontinuously."""
-OUTLIER = 2.385
+OUTLIER_THRESHOLD = 2.385
 """Scale of Cauchy's weight function, in standard deviations: larger deviations have less weight (Holland and Welsch,
 Commun. Stat. 6:813, 1977)."""
 MAD_FACTOR = 1.4826
 """Standard deviation of normally distributed values, divided by their median absolute deviation."""
-_MOVING = [JOINT_INDEX[name] for name in (*CHANNELS, "waist_z")]
-_SHOWN = slice(len(CHANNELS))
-SIDEWAYS_SWAY = 0.7
+_MOVING = [JOINT_INDEX[name] for name in (*MOTION_JOINTS, "waist_z")]
+_SHOWN = slice(len(MOTION_JOINTS))
+SIDEWAYS_SWAY_RATIO = 0.7
 """Frequency of sideways sway divided by the frequency of forward sway, as in ``people.motor``."""
 _STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("startle")]
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
-_LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, ANY_VALUE) for name in _NAMES]).T
-_EVERY = SUBSTEPS // 2
+_LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS) for name in _NAMES]).T
+_EVERY = DEFAULT_SUBSTEPS // 2
 """The least-squares method uses every fifth angle: 20 angles a second."""
-LAG_TICKS = 1
+MOTION_LAG_TICKS = 1
 """Delay from a motion to its joint targets, in ticks of 10 ms."""
-TIE = 0.5
+COST_TOLERANCE = 0.5
 """Two costs are considered equal if their difference is below this value."""
-ITERATIONS = 3
+ITERATIONS_PER_PASS = 3
 """Number of iterations in each of two passes: before and after the sway frequency is estimated."""
-NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
+INITIAL_NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
 """Initial and minimum standard deviation of the deviations between recorded and predicted motion."""
 
 
@@ -92,7 +97,7 @@ class FittedBehaviour:
     """Posterior distributions of the behaviour parameters, by parameter name, in the order of ``participants``."""
 
     participants: tuple[str, ...]
-    parameters: Mapping[str, Shrunken]
+    parameters: Mapping[str, ShrunkenEstimates]
 
     def estimates(self) -> tuple[dict[str, tuple[float, float]], ...]:
         """Returns (posterior mean, posterior standard deviation) by parameter name, for each participant.
@@ -102,8 +107,16 @@ class FittedBehaviour:
         return tuple(
             {
                 name: (
-                    round(float(np.clip(each.mean[row], *PARAMETER_BOUNDS.get(name, ANY_VALUE))), 4),
-                    round(float(each.deviation[row]), 4),
+                    round(
+                        float(
+                            np.clip(
+                                each.posterior_mean[row],
+                                *PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS),
+                            )
+                        ),
+                        4,
+                    ),
+                    round(float(each.posterior_sd[row]), 4),
                 )
                 for name, each in self.parameters.items()
             }
@@ -119,20 +132,20 @@ def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
     fit = _Fit(motions)
     fit.optimise()
     rhythms = fit.rhythms()
-    fit.remove_sway(fit.means(rhythms)[:, RHYTHMS.index("sway_hz")])
+    fit.remove_sway(fit.means(rhythms)[:, RHYTHMIC_PARAMETERS.index("sway_hz")])
     fit.optimise()
     variances = fit.variances()
     informative = (variances < 0.5 * _DEVIATION**2).sum(axis=0) > 1
     informative[_STARTLE] = informative[_STARTLE].any()
     parameters = {
-        name: shrink(fit.values[:, column], variances[:, column])
+        name: shrink_estimates(fit.values[:, column], variances[:, column])
         for column, name in enumerate(_NAMES)
         if informative[column]
     }
     rhythms = fit.rhythms()
     means, errors = fit.means(rhythms), fit.squared_errors(rhythms)
-    for column, name in enumerate(RHYTHMS):
-        parameters[name] = shrink(means[:, column], errors[:, column])
+    for column, name in enumerate(RHYTHMIC_PARAMETERS):
+        parameters[name] = shrink_estimates(means[:, column], errors[:, column])
     return FittedBehaviour(fit.participants, parameters)
 
 
@@ -155,7 +168,7 @@ class _Fit:
             bounds = [0, length // 2, length] if single else [0, length]
             self._pieces += [(number, slice(*each)) for each in pairwise(bounds)]
         self._piece_owner = self._owner[[number for number, _ in self._pieces]]
-        self._noise_rad = np.full((len(self.participants), len(CHANNELS)), NOISE_RAD)
+        self._noise_rad = np.full((len(self.participants), len(MOTION_JOINTS)), INITIAL_NOISE_RAD)
         self._bases = [_nuisance(len(each), None) for each in self._measured]
         self.values = self._best_of_grid()
 
@@ -171,9 +184,9 @@ class _Fit:
         everyone, precision = np.arange(len(self.participants)), np.diag(1.0 / _DEVIATION**2)
         damping = np.full(len(everyone), 1e-2)
         factors = np.array([0.01, 1.0, 100.0])
-        for iteration in range(ITERATIONS):
+        for iteration in range(ITERATIONS_PER_PASS):
             residuals = self._differentiated()
-            if iteration in (0, ITERATIONS // 2):
+            if iteration in (0, ITERATIONS_PER_PASS // 2):
                 self._measure_noise(residuals)
             normal, slope = (self._per_participant(each) for each in self._normal_equations(residuals))
             slope = slope + (_MEAN - self.values) / _DEVIATION**2
@@ -188,7 +201,7 @@ class _Fit:
             self.values = points[choice, everyone]
             chosen = np.array([100.0, *factors])[choice]
             damping = np.clip(damping * chosen, 1e-6, 1e4)
-            if iteration in (0, ITERATIONS - 1):
+            if iteration in (0, ITERATIONS_PER_PASS - 1):
                 for name, changes in _SEARCHED.items():
                     self._search(_NAMES.index(name), changes)
 
@@ -240,11 +253,13 @@ class _Fit:
         return np.minimum(variances, _DEVIATION**2)
 
     def rhythms(self) -> FloatArray:
-        """Returns estimates (pieces, 4) of the sway and tremor parameters ``RHYTHMS``."""
+        """Returns estimates (pieces, 4) of the sway and tremor parameters ``RHYTHMIC_PARAMETERS``."""
         residuals = self._residuals(self.values[None], bases=False)
         found: list[list[float]] = []
         for number, rows in self._pieces:
-            full = self._motions[number].angles_rad[SUBSTEPS * self._motions[number].start :, HEAD_X]
+            full = self._motions[number].angles_rad[
+                DEFAULT_SUBSTEPS * self._motions[number].first_active_sample :, HEAD_X
+            ]
             tremor = full[_EVERY * rows.start : _EVERY * rows.stop]
             found.append([*_sway(residuals[number][0, rows]), *_tremor(tremor)])
         return np.array(found)
@@ -297,8 +312,8 @@ class _Fit:
         """Returns the robust sums of squares / 2 (C, pieces). Outliers have less weight."""
         costs: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
-            scaled = residuals[number][:, rows] / (OUTLIER * self._noise_rad[owner])
-            costs.append(0.5 * OUTLIER**2 * np.log1p(scaled**2).sum(axis=(1, 2)))
+            scaled = residuals[number][:, rows] / (OUTLIER_THRESHOLD * self._noise_rad[owner])
+            costs.append(0.5 * OUTLIER_THRESHOLD**2 * np.log1p(scaled**2).sum(axis=(1, 2)))
         return np.stack(costs, axis=1)
 
     def _normal_equations(self, residuals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -309,7 +324,7 @@ class _Fit:
             scaled = (residuals[number][:, rows] / self._noise_rad[owner]).reshape(1 + 2 * len(_NAMES), -1)
             up, down = np.split(scaled[1:], 2)
             jacobian = (up - down) / (2.0 * _STEPS[:, None])
-            weighted = jacobian / (1.0 + (scaled[0] / OUTLIER) ** 2)
+            weighted = jacobian / (1.0 + (scaled[0] / OUTLIER_THRESHOLD) ** 2)
             matrices.append(weighted @ jacobian.T)
             slopes.append(-weighted @ scaled[0])
         return np.array(matrices), np.array(slopes)
@@ -329,7 +344,7 @@ def _prior_costs(points: FloatArray) -> FloatArray:
 
 def _best(values: FloatArray, costs: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns mean and variance (n,) of the best of C values (C, n): those with almost the lowest cost (C, n)."""
-    best = costs < costs.min(axis=0) + TIE
+    best = costs < costs.min(axis=0) + COST_TOLERANCE
     count = best.sum(axis=0)
     mean = (best * values).sum(axis=0) / count
     return mean, (best * (values - mean) ** 2).sum(axis=0) / count
@@ -350,8 +365,10 @@ class _Perceived:
 
 def _sampled(motion: RecordedMotion) -> FloatArray:
     """Returns the recorded angles (T, 5) during the robot's motion, 20 a second."""
-    angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (LAG_TICKS, 1))])
-    return angles[SUBSTEPS * motion.start + LAG_TICKS :: _EVERY][: 2 * (len(motion.tool_w) - motion.start)]
+    angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (MOTION_LAG_TICKS, 1))])
+    return angles[DEFAULT_SUBSTEPS * motion.first_active_sample + MOTION_LAG_TICKS :: _EVERY][
+        : 2 * (len(motion.tool_pos_w) - motion.first_active_sample)
+    ]
 
 
 def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[FloatArray]:
@@ -360,13 +377,13 @@ def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[
     The predictions contain no rhythmic motion and no noise.
     """
     predicted: list[FloatArray] = [np.empty(0)] * len(motions)
-    kinds = dict.fromkeys((each.offered, each.posture) for each in motions)
+    kinds = dict.fromkeys((each.offered_part, each.posture) for each in motions)
     for kind in kinds:
-        numbers = [n for n, each in enumerate(motions) if (each.offered, each.posture) == kind]
+        numbers = [n for n, each in enumerate(motions) if (each.offered_part, each.posture) == kind]
         chosen = [motions[number] for number in numbers]
         angles = _predict(chosen, points[:, numbers])
         for number, each in zip(numbers, np.moveaxis(angles, 2, 0), strict=True):
-            begin, end = 2 * motions[number].start, 2 * len(motions[number].tool_w)
+            begin, end = 2 * motions[number].first_active_sample, 2 * len(motions[number].tool_pos_w)
             predicted[number] = each[:, begin:end]
     return predicted
 
@@ -377,7 +394,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
     All trials have the same offered part and the same posture.
     """
     candidates, trials = points.shape[:2]
-    longest = max(len(each.tool_w) for each in motions)
+    longest = max(len(each.tool_pos_w) for each in motions)
 
     def stacked(name: str) -> FloatArray:
         arrays = [getattr(each, name) for each in motions]
@@ -386,7 +403,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
 
     perceived = [stacked(name) for name in ("tool_w", "head_w", "mouth_w", "right_arm_w")]
     persons = [each.person for each in motions] * candidates
-    people = People.of(persons)
+    people = People.from_persons(persons)
     values = points.reshape(-1, len(_NAMES))
     parameters = parameters_of([dict(zip(_NAMES, row, strict=True)) for row in values.tolist()])
     rows = len(values)
@@ -394,26 +411,30 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
     moved = motor.initial_state(people, None, parameters.speed_share, np.zeros((rows, 3)))
     usual_follow, moved = moved.filter_gain, _only(moved, _MOVING)
     shown: list[FloatArray] = []
-    targets_rad = state.rest_rad.copy()
+    targets_rad = state.initial_angles_rad.copy()
     for now in zip(*perceived, strict=True):
         targets_rad[:, _MOVING] = moved.angles_rad
-        state, goals = partner_behaviour.choose_goals(
-            replace(state, targets_rad=targets_rad), _Perceived(*now), motions[0].offered, motions[0].posture
+        state, goals = partner_behaviour.choose_goal_angles(
+            replace(state, targets_rad=targets_rad),
+            _Perceived(*now),
+            motions[0].offered_part,
+            motions[0].posture,
         )
         startled = partner_behaviour.are_startled(state)
         pace = np.where(startled, STARTLE_SPEED_FACTOR, moved.speed_factor)
-        follow = np.where(startled[:, None], STARTLED_FOLLOW, usual_follow)
+        follow = np.where(startled[:, None], STARTLED_FILTER_GAIN, usual_follow)
         moved = replace(
             moved,
-            goal_rad=np.clip(goals, LOWER_RAD, UPPER_RAD)[:, _MOVING],
-            max_step_rad=(PHYSICS_STEP_S * USUAL_SPEED_SHARE * pace)[:, None] * SPEED_RAD_S[_MOVING],
+            goal_rad=np.clip(goals, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)[:, _MOVING],
+            max_step_rad=(PHYSICS_STEP_S * NOISE_FREE_SPEED_SHARE * pace)[:, None]
+            * MAX_JOINT_SPEED_RAD_S[_MOVING],
             filter_gain=follow[:, _MOVING],
         )
-        for tick in range(SUBSTEPS):
+        for tick in range(DEFAULT_SUBSTEPS):
             if tick % _EVERY == 0:
                 shown.append(moved.angles_rad[:, _SHOWN])
-            moved = motor.advance(moved)
-    angles = np.stack(shown).reshape(len(shown), candidates, trials, len(CHANNELS))
+            moved = motor.advance_motor_state(moved)
+    angles = np.stack(shown).reshape(len(shown), candidates, trials, len(MOTION_JOINTS))
     return angles.transpose(1, 0, 2, 3)
 
 
@@ -432,7 +453,7 @@ def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
             return np.full((count, 1), count**-0.5)
         return np.linalg.qr(_sinusoid(times_s, frequency_hz))[0]
 
-    sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY * sway_hz
+    sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY_RATIO * sway_hz
     return {WAIST_X: basis(sway_hz), WAIST_Y: basis(sideways_hz), ELBOW: basis(None)}
 
 
@@ -449,10 +470,10 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
     """
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(len(deviations_rad))
     best = np.inf, 0.0, 0.0
-    low_hz, high_hz = SWAY_HZ
+    low_hz, high_hz = SWAY_BAND_HZ
     for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, SWAY_STEP_HZ):
         error, power = 0.0, 0.0
-        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY)):
+        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY_RATIO)):
             basis = _sinusoid(times_s, factor * frequency_hz)
             found = np.linalg.lstsq(basis, deviations_rad[:, channel], rcond=None)[0]
             error += float(((deviations_rad[:, channel] - basis @ found) ** 2).sum())
@@ -471,7 +492,7 @@ def _tremor(head_x_rad: FloatArray) -> tuple[float, float]:
     frequency_hz, power = signal.welch(
         head_x_rad, 1.0 / PHYSICS_STEP_S, nperseg=window, nfft=8192, scaling="spectrum"
     )
-    (band,) = np.nonzero((frequency_hz >= TREMOR_HZ[0]) & (frequency_hz <= TREMOR_HZ[1]))
+    (band,) = np.nonzero((frequency_hz >= TREMOR_BAND_HZ[0]) & (frequency_hz <= TREMOR_BAND_HZ[1]))
     peak = band[power[band].argmax()]
     excess = max(float(power[peak] - np.median(power[band])), 0.0)
     changes = np.flatnonzero(np.diff(head_x_rad))

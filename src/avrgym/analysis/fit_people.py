@@ -20,7 +20,7 @@ import numpy as np
 import tomlkit
 
 from avrgym.analysis.fit_behaviour import FittedBehaviour, fit_behaviour
-from avrgym.analysis.recorded_motion import RecordedMotion, read_motion
+from avrgym.analysis.recorded_motion import RecordedMotion, read_recorded_motion
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.people_file import FittedStudy, PeopleFile, TorsoHeights, ValueRange
@@ -43,7 +43,7 @@ REACHING_JOINTS = {
 """Joint indices by the body part that a person moves to the tool. The left arm is not fitted."""
 MIN_VOLUNTARY_MOTION_DEG = 5.0
 """Threshold of voluntary joint motion. The postural sway of a sitting person is smaller."""
-START_DURATION_S = 1.0
+INITIAL_POSE_DURATION_S = 1.0
 RECOMMENDED_PARTICIPANTS = 8
 """Number of participants in the paper. A file from fewer participants contains a warning."""
 
@@ -52,35 +52,38 @@ RECOMMENDED_PARTICIPANTS = 8
 class TrialPose:
     """Torso height and joint angles (20,) of the person in one completed trial. Angles are in degrees.
 
-    ``beginning_deg``: mean over the first second of the robot's motion. ``mean_deg``: mean over the whole trial.
-    ``largest_motion_deg``: the largest motion (maximum − minimum) of a joint in ``REACHING_JOINTS`` of the task.
-    ``motion``: ``None`` if the recording contains no simulation states.
+    ``initial_angles_deg``: mean over the first second of the robot's motion. ``mean_angles_deg``: mean over the whole
+    trial. ``max_joint_motion_deg``: the largest motion (maximum − minimum) of a joint in ``REACHING_JOINTS`` of the
+    task. ``motion``: ``None`` if the recording contains no simulation states.
     """
 
     participant: str
     sex: Sex
     task: str
     torso_height_m: float
-    beginning_deg: FloatArray
-    mean_deg: FloatArray
-    largest_motion_deg: float
+    initial_angles_deg: FloatArray
+    mean_angles_deg: FloatArray
+    max_joint_motion_deg: float
     motion: RecordedMotion | None
 
 
 @dataclass(frozen=True)
-class FittedPeople:
-    """A fitted population, remarks about the fit, and an error message for each omitted recording (``left_out``).
+class FittedPopulation:
+    """A fitted population, remarks about the fit, and an error message for each omitted recording
+    (``omitted_recordings``).
 
     ``behaviour``: ``None`` if fewer than two participants have recordings with simulation states.
     """
 
-    people: PeopleFile
+    people_file: PeopleFile
     behaviour: FittedBehaviour | None
     remarks: str
-    left_out: tuple[str, ...]
+    omitted_recordings: tuple[str, ...]
 
 
-def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done, count: None) -> FittedPeople:
+def fit_people(
+    folder: Path, progress: Callable[[int, int], None] = lambda done, count: None
+) -> FittedPopulation:
     """Returns a training population, fitted to the participants with completed trials.
 
     Simulated participants are used only if there are no people. Missing, damaged and modified recordings are omitted.
@@ -110,23 +113,23 @@ def fit_people(folder: Path, progress: Callable[[int, int], None] = lambda done,
     motions = [trial.motion for trial in trials if trial.motion is not None]
     behaviour = fit_behaviour(motions) if len({each.participant for each in motions}) > 1 else None
     remarks = _remarks(source) + _behaviour_remarks(behaviour)
-    return FittedPeople(_fitted(trials, source, behaviour), behaviour, remarks, tuple(left_out))
+    return FittedPopulation(_fitted(trials, source, behaviour), behaviour, remarks, tuple(left_out))
 
 
-def write_people(fit: FittedPeople, out: Path) -> None:
+def write_people_file(fit: FittedPopulation, out: Path) -> None:
     """Write the fitted population to the new TOML file ``out``. Raises ``FileExistsError`` if ``out`` exists."""
     if out.exists():
         raise FileExistsError(f"{out} already exists; choose another file with --out FILE")
     write_atomically(out, _toml_text(fit).encode())
 
 
-def _toml_text(fit: FittedPeople) -> str:
+def _toml_text(fit: FittedPopulation) -> str:
     """Returns the fit as TOML, with the remarks as comments at the top."""
     document = tomlkit.document()
     for line in fit.remarks.splitlines():
         document.add(tomlkit.comment(line))
     document.add(tomlkit.nl())
-    document.update(msgspec.to_builtins(fit.people))  # pyright: ignore[reportUnknownMemberType]
+    document.update(msgspec.to_builtins(fit.people_file))  # pyright: ignore[reportUnknownMemberType]
     return tomlkit.dumps(document)  # pyright: ignore[reportUnknownMemberType]
 
 
@@ -157,7 +160,7 @@ def _read_poses(
 
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
     """Returns the pose in a recording. Raises ``StudyError`` with the name of the recording if it is unusable."""
-    recording = attempt.read_whole()
+    recording = attempt.read_complete_recording()
     held = describe_excess_loss(recording, attempt.store.design)
     if held is not None:
         raise StudyError(f"{attempt.attempt.recording}: {held}")
@@ -177,16 +180,16 @@ def _trial_pose(attempt: ExportedAttempt, recording: Recording) -> TrialPose:
         sex=recording.configuration.person.sex,
         task=attempt.trial.task,
         torso_height_m=recording.configuration.person.torso_height_m,
-        beginning_deg=_mean(times_s, targets_deg, times_s[0] + START_DURATION_S),
-        mean_deg=_mean(times_s, targets_deg, times_s[-1]),
-        largest_motion_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
+        initial_angles_deg=_mean(times_s, targets_deg, times_s[0] + INITIAL_POSE_DURATION_S),
+        mean_angles_deg=_mean(times_s, targets_deg, times_s[-1]),
+        max_joint_motion_deg=float(np.ptp(targets_deg[:, offered], axis=0).max(initial=0.0)),
         motion=_motion(attempt.participant.pseudonym, recording),
     )
 
 
 def _motion(participant: str, recording: Recording) -> RecordedMotion | None:
     try:
-        return read_motion(participant, recording)
+        return read_recorded_motion(participant, recording)
     except ValueError:
         return None
 
@@ -196,9 +199,9 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
     The last time is the end of the robot's motion.
     """
-    events, control = recording.topics["/events"], recording.topics["/control"]
+    events, control = recording.messages_by_topic["/events"], recording.messages_by_topic["/control"]
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
-    targets = recording.topics["/body_targets"]
+    targets = recording.messages_by_topic["/body_targets"]
     if not begins or not control or not targets or targets[0][0] > begins[0]:
         raise ValueError("no trial phase, no control steps, or no joint targets at the start of the trial")
     times_ns = np.array([time_ns for time_ns, _ in targets])
@@ -221,7 +224,7 @@ def _fitted(
     trials: Sequence[TrialPose], source: FittedStudy, behaviour: FittedBehaviour | None
 ) -> PeopleFile:
     moving = bool(
-        np.median(_participant_means((t.participant, t.largest_motion_deg) for t in trials))
+        np.median(_participant_means((t.participant, t.max_joint_motion_deg) for t in trials))
         > MIN_VOLUNTARY_MOTION_DEG
     )
     poses = {task: _pose([t for t in trials if t.task == task], moving) for task in TASKS}
@@ -263,7 +266,8 @@ def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, ValueRange]:
     ranges: dict[str, ValueRange] = {}
     for name in FITTED_JOINTS:
         angles = (
-            (t.participant, (t.beginning_deg if moving else t.mean_deg)[JOINT_INDEX[name]]) for t in trials
+            (t.participant, (t.initial_angles_deg if moving else t.mean_angles_deg)[JOINT_INDEX[name]])
+            for t in trials
         )
         limits = JOINTS[name].lower_deg, JOINTS[name].upper_deg
         low, high = covering_range(_participant_means(angles), limits)
@@ -293,8 +297,7 @@ def _behaviour_remarks(behaviour: FittedBehaviour | None) -> str:
     if behaviour is None:
         return "\nBehaviour is not fitted: it needs two participants whose recordings contain the world's states."
     lines = [
-        f"{name}: {each.group_mean:.3g} ± {each.group_deviation:.2g}"
-        for name, each in behaviour.parameters.items()
+        f"{name}: {each.group_mean:.3g} ± {each.group_sd:.2g}" for name, each in behaviour.parameters.items()
     ]
     return "\n".join(["", "Behaviour, mean ± standard deviation of the group:", *lines])
 

@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from avrgym.analysis.page.drawing import STYLE, TEXT_COLOUR, Drawing, finish_figure
+from avrgym.analysis.page.drawing import MATPLOTLIB_STYLE, TEXT_COLOUR, ReportFigure, finish_figure
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store
 
 WITHDRAWAL_EVENT = "participant withdrawn"
@@ -57,7 +57,7 @@ class ParticipantFlow:
     simulated: bool
     enrolled: int
     deleted: int
-    no_consent: int
+    without_consent: int
     excluded: int
     withdrew_before_allocation: int
     consent_unknown: int = 0
@@ -68,22 +68,22 @@ class ParticipantFlow:
     unfinished: int
     completed: int
     analysed: int
-    orders: Mapping[int, int]
-    consents: Mapping[str, int]
+    participants_by_order: Mapping[int, int]
+    participants_by_consent_version: Mapping[str, int]
     reconsented: int = 0
     declined: int = 0
-    first_day: str | None
-    last_day: str | None
+    first_session_day: str | None
+    last_session_day: str | None
     analysed_unfinished: int = 0
     completed_without_data: int = 0
-    exclusion_answers: Mapping[str, int] = field(default_factory=dict[str, int])
-    withdrawal_reasons_before_allocation: Mapping[str, int] = field(default_factory=dict[str, int])
-    withdrawal_reasons: Mapping[str, int] = field(default_factory=dict[str, int])
+    exclusions_by_answer: Mapping[str, int] = field(default_factory=dict[str, int])
+    early_withdrawals_by_reason: Mapping[str, int] = field(default_factory=dict[str, int])
+    withdrawals_by_reason: Mapping[str, int] = field(default_factory=dict[str, int])
 
 
 def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
     """Returns the numbers of people, then those of simulated participants. A group without participants is omitted."""
-    everyone, deleted = store.participants(), store.tombstones()
+    everyone, deleted = store.participants(), store.deleted_participants()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)
         for simulated in (False, True)
@@ -97,7 +97,7 @@ def _flow(
 ) -> ParticipantFlow:
     with_order = [each for each in own if each.cell is not None]
     without = [each for each in own if each.cell is None]
-    analysed = [each for each in own if each.pseudonym in data.analysed]
+    analysed = [each for each in own if each.pseudonym in data.analysed_pseudonyms]
     completed = [each for each in with_order if each.state == "completed"]
     decisions = [store.consents(each.pseudonym) for each in own]
     days = sorted(session.opened_at[:10] for each in own for session in store.sessions(each.pseudonym))
@@ -105,28 +105,32 @@ def _flow(
         simulated=simulated,
         enrolled=len(own) + deleted,
         deleted=deleted,
-        no_consent=_in(without, "enrolled"),
+        without_consent=_in(without, "enrolled"),
         excluded=_in(without, "excluded"),
         withdrew_before_allocation=_in(without, "withdrawn"),
-        consent_unknown=_in(without, UNKNOWN),
+        consent_unknown=_in(without, UNKNOWN_PARTICIPATION),
         awaiting_allocation=_in(without, "consented"),
         allocated=len(with_order),
         withdrew=_in(with_order, "withdrawn"),
-        withdrawal_unknown=_in(with_order, UNKNOWN),
+        withdrawal_unknown=_in(with_order, UNKNOWN_PARTICIPATION),
         unfinished=_in(with_order, "allocated"),
         completed=len(completed),
         analysed=len(analysed),
-        orders=dict(sorted(Counter(each.cell + 1 for each in with_order if each.cell is not None).items())),
-        consents=dict(sorted(Counter(each.consent_version for each in own if each.consent_version).items())),
+        participants_by_order=dict(
+            sorted(Counter(each.cell + 1 for each in with_order if each.cell is not None).items())
+        ),
+        participants_by_consent_version=dict(
+            sorted(Counter(each.consent_version for each in own if each.consent_version).items())
+        ),
         reconsented=sum(any(each.agreed for each in made[1:]) for made in decisions),
         declined=sum(any(not each.agreed for each in made) for made in decisions),
-        first_day=days[0] if days else None,
-        last_day=days[-1] if days else None,
+        first_session_day=days[0] if days else None,
+        last_session_day=days[-1] if days else None,
         analysed_unfinished=len(analysed) - _in(analysed, "completed"),
         completed_without_data=len(completed) - _in(analysed, "completed"),
-        exclusion_answers=Counter(answer for each in own for answer in _excluding(store.design, each)),
-        withdrawal_reasons_before_allocation=Counter(_reasons(store, without)),
-        withdrawal_reasons=Counter(_reasons(store, with_order)),
+        exclusions_by_answer=Counter(answer for each in own for answer in _excluding(store.design, each)),
+        early_withdrawals_by_reason=Counter(_reasons(store, without)),
+        withdrawals_by_reason=Counter(_reasons(store, with_order)),
     )
 
 
@@ -152,11 +156,11 @@ def _in(own: Iterable[Participant], state: str) -> int:
     return sum(each.state == state for each in own)
 
 
-BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
+BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, BOX_GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
 """Width of step boxes, width of dropout boxes, space between boxes, and height of a text line."""
 CHARACTERS_PER_LINE = 42
 """Maximum number of characters in a text line of a box."""
-UNKNOWN_TEXT = "consent or withdrawal unknown, database lost"
+UNKNOWN_CONSENT_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
@@ -164,17 +168,17 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
     The text contains the number of participants. Each dropout text contains a reason and its number of participants.
     """
-    before = f"withdrew before the first trial was planned{_reasons_text(flow.withdrawal_reasons_before_allocation)}"
+    before = f"withdrew before the first trial was planned{_reasons_text(flow.early_withdrawals_by_reason)}"
     unfinished = f", of them {flow.analysed_unfinished} not finished yet" if flow.analysed_unfinished else ""
     return [
         (
             f"Enrolled: {flow.enrolled}",
             _some(
                 {
-                    f"excluded by the inclusion questions{_reasons_text(flow.exclusion_answers)}": flow.excluded,
+                    f"excluded by the inclusion questions{_reasons_text(flow.exclusions_by_answer)}": flow.excluded,
                     before: flow.withdrew_before_allocation,
-                    UNKNOWN_TEXT: flow.consent_unknown,
-                    "no consent yet": flow.no_consent,
+                    UNKNOWN_CONSENT_TEXT: flow.consent_unknown,
+                    "no consent yet": flow.without_consent,
                     "inclusion questions not answered yet": flow.awaiting_allocation,
                     "deleted with all data": flow.deleted,
                 }
@@ -184,8 +188,8 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
             f"Allocated to an order of trials: {flow.allocated}",
             _some(
                 {
-                    f"withdrew{_reasons_text(flow.withdrawal_reasons)}": flow.withdrew,
-                    UNKNOWN_TEXT: flow.withdrawal_unknown,
+                    f"withdrew{_reasons_text(flow.withdrawals_by_reason)}": flow.withdrew,
+                    UNKNOWN_CONSENT_TEXT: flow.withdrawal_unknown,
                     "not finished yet": flow.unfinished,
                 }
             ),
@@ -207,32 +211,32 @@ def _some(left: dict[str, int]) -> list[str]:
     return [f"{number} {why}" for why, number in left.items() if number]
 
 
-def flow_chart(flow: ParticipantFlow) -> Drawing:
+def flow_chart(flow: ParticipantFlow) -> ReportFigure:
     """Returns the flow chart. The chart of simulated participants is marked as simulated."""
-    width_in, shown = BOX_WIDTH_IN + DROPOUT_BOX_WIDTH_IN + 3 * GAP_IN, flow_steps(flow)
+    width_in, shown = BOX_WIDTH_IN + DROPOUT_BOX_WIDTH_IN + 3 * BOX_GAP_IN, flow_steps(flow)
     boxes = [_box_height(_lines([words])) for words, _ in shown]
-    beside = [_box_height(lines) + GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
-    height_in = 0.3 + sum(boxes) + sum(beside) + GAP_IN * len(shown)
-    with matplotlib.rc_context(STYLE):
+    beside = [_box_height(lines) + BOX_GAP_IN if (lines := _lines(left)) else 0.0 for _, left in shown]
+    height_in = 0.3 + sum(boxes) + sum(beside) + BOX_GAP_IN * len(shown)
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
         figure = Figure(figsize=(width_in, height_in))
         axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
         axes.set(xlim=(0.0, width_in), ylim=(height_in, 0.0))
         axes.set_axis_off()
-        top, middle = 0.3, GAP_IN + BOX_WIDTH_IN / 2
+        top, middle = 0.3, BOX_GAP_IN + BOX_WIDTH_IN / 2
         for (words, left), tall, aside in zip(shown, boxes, beside, strict=True):
-            _box(axes, GAP_IN, top, BOX_WIDTH_IN, _lines([words]))
+            _box(axes, BOX_GAP_IN, top, BOX_WIDTH_IN, _lines([words]))
             below = top + tall
             if left:
-                at = below + GAP_IN / 2 + aside / 2
+                at = below + BOX_GAP_IN / 2 + aside / 2
                 _box(
                     axes,
-                    BOX_WIDTH_IN + 2 * GAP_IN,
-                    at - (aside - GAP_IN) / 2,
+                    BOX_WIDTH_IN + 2 * BOX_GAP_IN,
+                    at - (aside - BOX_GAP_IN) / 2,
                     DROPOUT_BOX_WIDTH_IN,
                     _lines(left),
                 )
-                _arrow(axes, (middle, at), (BOX_WIDTH_IN + 2 * GAP_IN, at))
-            top = below + aside + GAP_IN
+                _arrow(axes, (middle, at), (BOX_WIDTH_IN + 2 * BOX_GAP_IN, at))
+            top = below + aside + BOX_GAP_IN
             if words != shown[-1][0]:
                 _arrow(axes, (middle, below), (middle, top))
     return finish_figure(flow.simulated, "flow", "Flow of participants", figure)

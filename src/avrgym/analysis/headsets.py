@@ -5,18 +5,20 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, Pseudonym, Session
-from avrgym.analysis.page.elements import Markup, count_text, join, number_text, table, tag
+from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, Pseudonym, SessionNumber
+from avrgym.analysis.page.elements import Markup, count_text, join_markup, number_text, table, tag
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 from avrgym.system.columns import Column
-from avrgym.vr.headset_check import fault_text, is_ready
+from avrgym.vr.headset_check import fault_text, is_headset_ready
 
 _NOT_MEASURED, _NOT_ASKED = "not measured", "not asked"
-Jitter = Annotated[float | None, Column("Tracking jitter at rest.", unit="mm", empty=_NOT_MEASURED)]
-Reach = Annotated[float | None, Column("Largest distance from the head.", unit="m", empty=_NOT_MEASURED)]
-TrackedWith = Annotated[str, Column("Tracked as controller, hand or mouse.", empty="not tracked")]
+TrackingJitter = Annotated[float | None, Column("Tracking jitter at rest.", unit="mm", empty=_NOT_MEASURED)]
+TrackingReach = Annotated[
+    float | None, Column("Largest distance from the head.", unit="m", empty=_NOT_MEASURED)
+]
+TrackedInputDevice = Annotated[str, Column("Tracked as controller, hand or mouse.", empty="not tracked")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +27,7 @@ class HeadsetRow:
 
     participant: Pseudonym
     simulated: IsSimulated
-    session: Session
+    session: SessionNumber
     device: Annotated[str, Column("The device, as the browser reports it.", empty="unknown")]
     emulated: Annotated[bool, Column("Whether the headset was emulated.")]
     profiles: Annotated[
@@ -43,13 +45,13 @@ class HeadsetRow:
     latency_p95_ms: Annotated[
         float | None, Column("95th percentile of that latency.", unit="ms", empty=_NOT_MEASURED)
     ]
-    head_jitter_mm: Jitter
-    left_with: TrackedWith
-    left_jitter_mm: Jitter
-    left_reach_m: Reach
-    right_with: TrackedWith
-    right_jitter_mm: Jitter
-    right_reach_m: Reach
+    head_jitter_mm: TrackingJitter
+    left_with: TrackedInputDevice
+    left_jitter_mm: TrackingJitter
+    left_reach_m: TrackingReach
+    right_with: TrackedInputDevice
+    right_jitter_mm: TrackingJitter
+    right_reach_m: TrackingReach
     haptics: Annotated[bool | None, Column("Whether the participant felt the vibration.", empty=_NOT_ASKED)]
     sound: Annotated[bool | None, Column("Whether the participant heard the sound.", empty=_NOT_ASKED)]
     stop_with: Annotated[
@@ -69,10 +71,10 @@ class HeadsetRow:
 def headset_rows(store: Store) -> list[HeadsetRow]:
     """Returns a row for the headset check of each session, in order. Sessions without a check are omitted."""
     return [
-        _row(participant, session, session.headset)
+        _row(participant, session, session.latest_headset_check)
         for participant in store.participants()
         for session in store.sessions(participant.pseudonym)
-        if session.headset is not None
+        if session.latest_headset_check is not None
     ]
 
 
@@ -103,7 +105,7 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
         stop_with=check.stop or "" if stopped else "",
         stop_worked=None if check.stop is None else stopped,
         stop_after_s=check.stop_after_s,
-        go=is_ready(check),
+        go=is_headset_ready(check),
         faults=fault_text(check),
     )
 
@@ -132,7 +134,7 @@ def describe_headset_checks(rows: Sequence[HeadsetRow]) -> str:
     )
 
 
-CHECK_HEADS = (
+HEADSET_TABLE_HEADINGS = (
     "Participant", "Session", "Ready", "Headset", "Frames / s", "of", "Dropped", "Pose to frame, ms", "95 % within",
     "Jitter of head", "left hand", "right hand, mm", "Buzz", "Chime", "Stop", "after, s",
 )  # fmt: skip
@@ -143,9 +145,12 @@ def headset_section(rows: Sequence[HeadsetRow]) -> Markup:
     if not rows:
         return Markup()
     shown = table(
-        "Checks of the headset", CHECK_HEADS, [_cells(row) for row in rows], numbers=[*range(4, 12), 15]
+        "Checks of the headset",
+        HEADSET_TABLE_HEADINGS,
+        [_cells(row) for row in rows],
+        numbers=[*range(4, 12), 15],
     )
-    return join([tag("p", describe_headset_checks(rows)), shown])
+    return join_markup([tag("p", describe_headset_checks(rows)), shown])
 
 
 def _cells(row: HeadsetRow) -> tuple[object, ...]:

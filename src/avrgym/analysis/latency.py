@@ -9,9 +9,9 @@ from avrgym.analysis.page.elements import Markup, group_caption, table, tag
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.recording.schema import Latency
 from avrgym.system.columns import Column
-from avrgym.vr.latency import STAGE_LABELS, TOTAL, percentiles_ms
+from avrgym.vr.latency import STAGE_LABELS, TOTAL_LATENCY_KEY, percentiles_ms
 
-Latencies = Mapping[tuple[str, int], Sequence[Latency]]
+LatenciesByTrial = Mapping[tuple[str, int], Sequence[Latency]]
 """Latency measurements of each trial, by pseudonym and trial position."""
 
 
@@ -30,7 +30,7 @@ class LatencyRow:
     p99_ms: Annotated[float, Column("99th percentile of the duration.", unit="ms", allowed=AT_LEAST_0)]
 
 
-def latency_rows(trials: Sequence[TrialRow], latencies: Latencies) -> list[LatencyRow]:
+def latency_rows(trials: Sequence[TrialRow], latencies: LatenciesByTrial) -> list[LatencyRow]:
     """Returns latency rows: all people together, then each person; then the same for simulated participants.
 
     Only analysed trials with latency measurements are used.
@@ -69,13 +69,13 @@ def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow 
         (
             row
             for row in rows
-            if row.simulated is simulated and row.participant is None and row.stage == TOTAL
+            if row.simulated is simulated and row.participant is None and row.stage == TOTAL_LATENCY_KEY
         ),
         None,
     )
 
 
-LATENCY_METHOD = (
+LATENCY_METHOD_TEXT = (
     "Latency: for every tracking frame, the client measures when the pose was read and sent, when the resulting state "
     "arrived, and when it was displayed. The server measures when the frame arrived, when it was simulated, and "
     "when the state was sent. The fastest messages of ten seconds synchronise the clocks. Percentiles are over the "
@@ -93,11 +93,11 @@ def latency_section(latencies: Sequence[LatencyRow], simulated: bool) -> Markup:
     if not rows:
         return Markup()
     together = [row for row in rows if row.participant is None]
-    words = {TOTAL: "from pose to frame", **STAGE_LABELS}
+    words = {TOTAL_LATENCY_KEY: "from pose to frame", **STAGE_LABELS}
     body = [
         (words[row.stage], *(f"{ms:.1f}" for ms in (row.p50_ms, row.p95_ms, row.p99_ms))) for row in together
     ]
-    own = [row for row in rows if row.participant is not None and row.stage == TOTAL]
+    own = [row for row in rows if row.participant is not None and row.stage == TOTAL_LATENCY_KEY]
     latest = max(own, key=lambda row: row.p95_ms)
     heads = ("Stage", "Median / ms", "95th percentile / ms", "99th percentile / ms")
     caption = group_caption(f"Latency from pose to frame over {together[0].pictures} frames", simulated)

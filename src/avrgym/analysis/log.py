@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from avrgym.analysis.page.elements import Markup, bullet_list, count_text, tag, time_text
-from avrgym.study.checking.interim_looks import check_interim_looks, is_interim
-from avrgym.study.storage.audit_log import describe_person, site_names
+from avrgym.study.checking.interim_looks import check_interim_looks, is_interim_look
+from avrgym.study.storage.audit_log import describe_log_person, site_names
 from avrgym.study.storage.store import Store
 
 
 @dataclass(frozen=True)
-class StudyLog:
+class AccessLogSummary:
     """Summary of the access log of a study.
 
     ``entries``: number of entries. ``people``: users in the log. ``first_at``, ``last_at``: times of the first and last
@@ -25,28 +25,28 @@ class StudyLog:
     interim_looks: Sequence[str]
 
 
-def study_log(store: Store) -> StudyLog:
+def summarise_access_log(store: Store) -> AccessLogSummary:
     """Returns a summary of the access log. Entries for views of results after the planned end are ignored."""
     sites = site_names(store)
-    own = [entry for entry in store.log() if entry.completed is None or is_interim(entry)]
-    return StudyLog(
+    own = [entry for entry in store.audit_log() if entry.completed is None or is_interim_look(entry)]
+    return AccessLogSummary(
         entries=len(own),
-        people=list(dict.fromkeys(describe_person(entry, sites) for entry in own)),
+        people=list(dict.fromkeys(describe_log_person(entry, sites) for entry in own)),
         first_at=min((entry.at for entry in own), default=None),
         last_at=max((entry.at for entry in own), default=None),
         interim_looks=[f"{each.where} {each.message}" for each in check_interim_looks(store)],
     )
 
 
-ENTRIES_LOST = "The database was rebuilt from the recordings: entries from before that are lost."
+LOST_ENTRIES_TEXT = "The database was rebuilt from the recordings: entries from before that are lost."
 
 
-def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
+def access_log_section(log: AccessLogSummary, rebuilt_at: str | None) -> Markup:
     """Returns the report section about the access log.
 
     ``rebuilt_at``: time of the rebuild of the database (ISO 8601); ``None`` if it was not rebuilt.
     """
-    lost = [tag("p", ENTRIES_LOST)] if rebuilt_at else []
+    lost = [tag("p", LOST_ENTRIES_TEXT)] if rebuilt_at else []
     return tag(
         "section",
         tag("h2", "The log"),
@@ -57,7 +57,7 @@ def log_section(log: StudyLog, rebuilt_at: str | None) -> Markup:
     )
 
 
-def _summary_text(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, ...]:
+def _summary_text(log: AccessLogSummary, rebuilt_at: str | None) -> tuple[Markup | str, ...]:
     if not log.entries and rebuilt_at:
         return ("The log has no entry.",)
     if not log.entries:
@@ -76,7 +76,7 @@ def _summary_text(log: StudyLog, rebuilt_at: str | None) -> tuple[Markup | str, 
     )
 
 
-def _interim_looks(log: StudyLog) -> list[Markup]:
+def _interim_looks(log: AccessLogSummary) -> list[Markup]:
     if not log.interim_looks:
         return [
             tag(

@@ -6,28 +6,33 @@ import tempfile
 from pathlib import Path
 
 from avrgym.analysis.figures import draw_figures
-from avrgym.analysis.publication.writing import FOLDER as PACK
+from avrgym.analysis.publication.writing import PUBLICATION_FOLDER as PACK
 from avrgym.analysis.publication.writing import write_publication_files
 from avrgym.analysis.report import write_report
-from avrgym.analysis.study import Analysis
-from avrgym.study.storage.analysis_files import RESULTS, UNFINISHED_PREFIX, previous_files, remove_files
+from avrgym.analysis.study import StudyAnalysis
+from avrgym.study.storage.analysis_files import (
+    RESULTS_FILE,
+    TEMPORARY_FOLDER_PREFIX,
+    previous_analysis_files,
+    remove_files,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.system.files import make_private_folder, restrict_to_owner
 
-REPORT = "report/index.html"
-FOLDERS = ("report", "tables", "figures", PACK)
+REPORT_FILE = "report/index.html"
+OUTPUT_FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_output_folder(out: Path) -> None:
     """Raises ``StudyError`` if ``out`` contains files with the same names that are not from an analysis."""
-    present = [name for name in (*FOLDERS, RESULTS) if (out / name).exists()]
-    if present and previous_files(out) is None:
+    present = [name for name in (*OUTPUT_FOLDERS, RESULTS_FILE) if (out / name).exists()]
+    if present and previous_analysis_files(out) is None:
         raise StudyError(
             f"{out / present[0]} was not written by an analysis; choose another folder with --out DIR"
         )
 
 
-def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
+def write_analysis(analysis: StudyAnalysis, study: Path, out: Path) -> Path:
     """Write report, tables, figures and results into the folder ``out``. Returns the path of the report.
 
     Files of an earlier analysis are replaced or removed. Other files are not changed. Only the owner can read the new
@@ -39,18 +44,18 @@ def write_analysis(analysis: Analysis, study: Path, out: Path) -> Path:
     """
     check_output_folder(out)
     make_private_folder(out)
-    with tempfile.TemporaryDirectory(prefix=UNFINISHED_PREFIX, dir=out) as temporary:
+    with tempfile.TemporaryDirectory(prefix=TEMPORARY_FOLDER_PREFIX, dir=out) as temporary:
         made = Path(temporary)
         _write_all(analysis, made, os.path.relpath(study, out / "report"))
         files = sorted(path.relative_to(made).as_posix() for path in made.rglob("*") if path.is_file())
         results = analysis.results() | {"files": files}
-        (made / RESULTS).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+        (made / RESULTS_FILE).write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
         restrict_to_owner(made)
         _replace(made, out, files)
-    return out / REPORT
+    return out / REPORT_FILE
 
 
-def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
+def _write_all(analysis: StudyAnalysis, made: Path, study_link: str) -> None:
     """Write all files except the results into the new folder ``made``."""
     for folder in ("report", "tables", "figures"):
         (made / folder).mkdir()
@@ -59,14 +64,14 @@ def _write_all(analysis: Analysis, made: Path, study_link: str) -> None:
     drawings = draw_figures(analysis)
     for drawing in drawings:
         drawing.write(made / "figures")
-    write_report(made / REPORT, analysis, drawings, study_link)
+    write_report(made / REPORT_FILE, analysis, drawings, study_link)
     write_publication_files(analysis, made / PACK, made / "tables")
 
 
 def _replace(made: Path, out: Path, files: list[str]) -> None:
     """Move the new files from ``made`` to ``out``, the results last. Remove all other files of an earlier analysis."""
-    remove_files(out, set(previous_files(out) or ()) - set(files))
-    for folder in FOLDERS:
+    remove_files(out, set(previous_analysis_files(out) or ()) - set(files))
+    for folder in OUTPUT_FOLDERS:
         make_private_folder(out / folder)
-    for name in [*files, RESULTS]:
+    for name in [*files, RESULTS_FILE]:
         os.replace(made / name, out / name)

@@ -7,25 +7,35 @@ from typing import Any
 
 import msgspec
 
-from avrgym.analysis.answers.scores import scores_change_question, scores_policies_question
-from avrgym.analysis.answers.session_answers import change_question, session_questionnaires
+from avrgym.analysis.answers.scores import score_change_question, score_policy_question
+from avrgym.analysis.answers.session_answers import session_change_question, session_questionnaires
 from avrgym.analysis.answers.trial_answers import (
     AFTER_TRIAL,
     midpoint_question,
-    policy_question,
-    questionnaires_at,
+    policy_comparison_question,
+    questionnaires_at_moment,
 )
-from avrgym.analysis.biomechanics.tests import HEAD_POSITION_QUESTION, HEAD_QUESTION, HEIGHT_QUESTION
-from avrgym.analysis.biomechanics.training_people import AXES, posture_of
+from avrgym.analysis.biomechanics.tests import (
+    HEAD_AXIS_QUESTION,
+    HEAD_POSITION_QUESTION,
+    TORSO_HEIGHT_QUESTION,
+)
+from avrgym.analysis.biomechanics.training_people import AXIS_NAMES, task_posture
 from avrgym.analysis.models.models import ModelRow, model_tests
-from avrgym.analysis.models.section import table_of_effects
+from avrgym.analysis.models.section import effects_table
 from avrgym.analysis.outcomes.outcomes import outcome_tests
 from avrgym.analysis.page.comparisons import table_of_tests
-from avrgym.analysis.page.elements import Markup, bullet_list, join, tag
+from avrgym.analysis.page.elements import Markup, bullet_list, join_markup, tag
 from avrgym.analysis.reading.study_data import StudyData
-from avrgym.analysis.statistics.comparisons import PARTICIPANT, TRIAL, ComparisonRow, Family, Question
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
-from avrgym.study.checking.finding import Finding, excluded_trial
+from avrgym.analysis.statistics.comparisons import (
+    PARTICIPANT_UNIT,
+    TRIAL_UNIT,
+    ComparisonFamily,
+    ComparisonRow,
+    ResearchQuestion,
+)
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Questionnaire
+from avrgym.study.checking.finding import Finding, excluded_trial_finding
 from avrgym.study.design.design import Design
 from avrgym.study.plan.deviations import deviations
 from avrgym.study.plan.frozen_plan import read_frozen_plan as read_plan_of_study
@@ -33,8 +43,8 @@ from avrgym.study.plan.plan import EXPLORATORY, NOT_PLANNED, Hypothesis, Plan
 from avrgym.study.plan.plan import FILE as PLAN_FILE
 from avrgym.study.storage.store import Store
 
-BOTH_UNITS = (TRIAL, PARTICIPANT)
-SuggestedHypothesis = tuple[str, list[str], Question]
+ANALYSIS_UNITS = (TRIAL_UNIT, PARTICIPANT_UNIT)
+SuggestedHypothesis = tuple[str, list[str], ResearchQuestion]
 """A suggested hypothesis: text, quantities, and research question of its tests."""
 
 
@@ -60,42 +70,46 @@ def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
     return required_tests(design) | optional_tests(design)
 
 
-def _questions(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
+def _questions(design: Design) -> Iterator[tuple[ResearchQuestion, Sequence[str], Sequence[str]]]:
     """Yields (research question, units of analysis, quantities) for the required tests."""
-    rated = questionnaires_at(design, AFTER_TRIAL)
+    rated = questionnaires_at_moment(design, AFTER_TRIAL)
     for questionnaire in rated[:1]:
-        yield midpoint_question(questionnaire), BOTH_UNITS, [questionnaire.items[0].id]
+        yield midpoint_question(questionnaire), ANALYSIS_UNITS, [questionnaire.items[0].id]
     for questionnaire in rated if len(design.policies) > 1 else ():
-        yield policy_question(design, questionnaire), BOTH_UNITS, [item.id for item in questionnaire.items]
+        yield (
+            policy_comparison_question(design, questionnaire),
+            ANALYSIS_UNITS,
+            [item.id for item in questionnaire.items],
+        )
     for questionnaire in session_questionnaires(design):
-        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+        if set(SESSION_QUESTION_MOMENTS) <= set(questionnaire.moments):
             items = [item.id for item in questionnaire.items]
-            yield change_question(questionnaire), [PARTICIPANT], items
+            yield session_change_question(questionnaire), [PARTICIPANT_UNIT], items
     yield from _about_scores(design)
-    postures = dict.fromkeys(posture_of(task) for task in design.tasks)
-    yield HEIGHT_QUESTION, BOTH_UNITS, ["torso_height_m"]
+    postures = dict.fromkeys(task_posture(task) for task in design.tasks)
+    yield TORSO_HEIGHT_QUESTION, ANALYSIS_UNITS, ["torso_height_m"]
     yield (
-        HEAD_QUESTION,
-        BOTH_UNITS,
-        [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXES)],
+        HEAD_AXIS_QUESTION,
+        ANALYSIS_UNITS,
+        [f"head_{axis}_m, {posture}" for posture, axis in product(postures, AXIS_NAMES)],
     )
-    yield HEAD_POSITION_QUESTION, [PARTICIPANT], [f"head_m, {posture}" for posture in postures]
+    yield HEAD_POSITION_QUESTION, [PARTICIPANT_UNIT], [f"head_m, {posture}" for posture in postures]
 
 
-def _about_scores(design: Design) -> Iterator[tuple[Question, Sequence[str], Sequence[str]]]:
+def _about_scores(design: Design) -> Iterator[tuple[ResearchQuestion, Sequence[str], Sequence[str]]]:
     for questionnaire in design.questionnaires:
         if questionnaire.instrument is None:
             continue
         scales = questionnaire.instrument.scale_names
         if AFTER_TRIAL in questionnaire.moments and len(design.policies) > 1:
-            yield scores_policies_question(questionnaire), BOTH_UNITS, scales
-        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
-            yield scores_change_question(questionnaire), [PARTICIPANT], scales
+            yield score_policy_question(questionnaire), ANALYSIS_UNITS, scales
+        if set(SESSION_QUESTION_MOMENTS) <= set(questionnaire.moments):
+            yield score_change_question(questionnaire), [PARTICIPANT_UNIT], scales
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
     """Returns the hypotheses of the paper for this design, as a template for a plan. All tests are by participant."""
-    rated = questionnaires_at(design, AFTER_TRIAL)
+    rated = questionnaires_at_moment(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
         expected.append(_better_policy(design, rated[0]))
@@ -103,18 +117,18 @@ def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
         (
             "Participants have the torso heights of the training populations.",
             ["torso_height_m"],
-            HEIGHT_QUESTION,
+            TORSO_HEIGHT_QUESTION,
         )
     ]
     return tuple(
-        Hypothesis(f"H{number}", text, tuple(measures), (question.family_name(PARTICIPANT),))
+        Hypothesis(f"H{number}", text, tuple(measures), (question.family_name(PARTICIPANT_UNIT),))
         for number, (text, measures, question) in enumerate(expected, start=1)
     )
 
 
 def _above_midpoint(questionnaire: Questionnaire) -> SuggestedHypothesis:
     item = questionnaire.items[0]
-    scale = f"{questionnaire.scale_of(item).middle:g}, the middle of its scale"
+    scale = f"{questionnaire.scale_of(item).middle_value:g}, the middle of its scale"
     text = f"With each policy participants rate {item.id} ({item.text}) above {scale}."
     return text, [item.id], midpoint_question(questionnaire)
 
@@ -122,7 +136,7 @@ def _above_midpoint(questionnaire: Questionnaire) -> SuggestedHypothesis:
 def _better_policy(design: Design, questionnaire: Questionnaire) -> SuggestedHypothesis:
     items = [item.id for item in questionnaire.items]
     text = f"Participants rate {', '.join(items)} higher with {design.policies[-1]} than with {design.policies[0]}."
-    return text, items, policy_question(design, questionnaire)
+    return text, items, policy_comparison_question(design, questionnaire)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,16 +148,16 @@ class FrozenPlan:
     ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
     """
 
-    at: str
+    frozen_at: str
     plan: Plan | None
-    sha256: str | None
+    plan_sha256: str | None
     deviations: list[Finding]
     origin_text: str
     is_confirmatory: bool
     record_sha256: str
 
     @property
-    def confirmed(self) -> Plan | None:
+    def confirmatory_plan(self) -> Plan | None:
         """Returns the plan if its tests are confirmatory; otherwise ``None``."""
         return self.plan if self.is_confirmatory else None
 
@@ -154,14 +168,16 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
     if frozen is None:
         return None
     exclusions = [
-        excluded_trial(row.participant, row.position, row.left_out) for row in observed.trials if row.left_out
+        excluded_trial_finding(row.participant, row.position, row.left_out)
+        for row in observed.trials
+        if row.left_out
     ]
     found = deviations(store, frozen, required_tests(design), exclusions, optional_tests(design))
     record = frozen.record
     return FrozenPlan(
-        at=frozen.at,
-        plan=record.parsed() if record else None,
-        sha256=record.sha256[PLAN_FILE] if record else None,
+        frozen_at=frozen.known_time_text,
+        plan=record.parsed_plan() if record else None,
+        plan_sha256=record.sha256[PLAN_FILE] if record else None,
         deviations=found,
         origin_text=frozen.origin_text,
         is_confirmatory=frozen.is_confirmatory,
@@ -169,12 +185,12 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
     )
 
 
-def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Family]:
+def add_plan_status(families: list[ComparisonFamily], plan: Plan, design: Design) -> list[ComparisonFamily]:
     """Returns the families with the plan status of each test. Optional tests are exploratory if not in the plan."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:
-        by_plan = plan.label(row.family, row.quantity)
+        by_plan = plan.plan_status(row.family, row.quantity)
         return EXPLORATORY if by_plan == NOT_PLANNED and row.family in optional else by_plan
 
     return [
@@ -186,8 +202,8 @@ def label_by_plan(families: list[Family], plan: Plan, design: Design) -> list[Fa
 def plan_results(plan: FrozenPlan) -> dict[str, Any]:
     """Returns the frozen plan and the deviations from it, for ``results.json``."""
     return {
-        "frozen_at": plan.at,
-        "sha256": plan.sha256,
+        "frozen_at": plan.frozen_at,
+        "sha256": plan.plan_sha256,
         "record_sha256": plan.record_sha256,
         "origin": plan.origin_text,
         "is_confirmatory": plan.is_confirmatory,
@@ -196,7 +212,7 @@ def plan_results(plan: FrozenPlan) -> dict[str, Any]:
     }
 
 
-NO_PLAN = (
+NO_PLAN_TEXT = (
     "No plan was frozen before the first participant: nothing was preregistered, every test is exploratory."
 )
 
@@ -219,7 +235,7 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
         else ""
     )
     words = (
-        f"{frozen.origin_text} The SHA-256 of plan.toml is {frozen.sha256}, "
+        f"{frozen.origin_text} The SHA-256 of plan.toml is {frozen.plan_sha256}, "
         f"that of plan-frozen.json {frozen.record_sha256}. {tests}"
     )
     said = {
@@ -230,14 +246,16 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
         "Further exclusions": " ".join(plan.exclusion.further),
         "Other decisions": plan.other,
     }
-    return join([tag("p", words), bullet_list([f"{name}: {text}" for name, text in said.items() if text])])
+    return join_markup(
+        [tag("p", words), bullet_list([f"{name}: {text}" for name, text in said.items() if text])]
+    )
 
 
 def _deviations(frozen: FrozenPlan) -> Markup:
     found = [f"{each.where}: {each.message}." for each in frozen.deviations]
     if not found:
-        return join([tag("h3", "Deviations"), tag("p", "None.")])
-    return join([tag("h3", "Deviations"), bullet_list(found)])
+        return join_markup([tag("h3", "Deviations"), tag("p", "None.")])
+    return join_markup([tag("h3", "Deviations"), bullet_list(found)])
 
 
 def confirmatory_section(
@@ -267,8 +285,8 @@ def _hypothesis(
     own_tests, effects = list(filter(judged, tests)), list(filter(judged, models))
     caption = f"{hypothesis.id}: {', '.join(hypothesis.tests)}"
     parts = [table_of_tests(caption, own_tests, simulated)] if own_tests else []
-    parts += [table_of_effects(caption, effects, simulated)] if effects else []
-    return join(
+    parts += [effects_table(caption, effects, simulated)] if effects else []
+    return join_markup(
         [
             tag("p", f"{hypothesis.id}: {hypothesis.text}"),
             *(parts or [tag("p", "There are no data to test yet.")]),

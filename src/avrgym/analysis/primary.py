@@ -14,15 +14,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
-from avrgym.analysis.models.effects import POLICIES
+from avrgym.analysis.models.effects import POLICY_EFFECT
 from avrgym.analysis.models.models import ModelRow
 from avrgym.analysis.models.section import effect_text
-from avrgym.analysis.page.comparisons import n_text
+from avrgym.analysis.page.comparisons import sample_size_text
 from avrgym.analysis.page.elements import (
     Markup,
     badge,
+    effect_size_text,
     group_caption,
-    interval_text,
     p_text,
     short_number,
     table,
@@ -30,15 +30,15 @@ from avrgym.analysis.page.elements import (
 )
 from avrgym.analysis.statistics.comparisons import (
     MIN_PARTICIPANTS,
-    PARTICIPANT,
+    PARTICIPANT_UNIT,
     PRIMARY,
     SECONDARY,
     SENSITIVITY,
     SUPPLEMENT,
     TOO_FEW_PARTICIPANTS,
-    TRIAL,
+    TRIAL_UNIT,
+    ComparisonFamily,
     ComparisonRow,
-    Family,
 )
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
 from avrgym.analysis.statistics.tests import holm_correction, significance_stars
@@ -52,12 +52,12 @@ TestIndex = tuple[int, int]
 class ResultsWithRoles:
     """Tests and model effects with their roles. Primary results also have corrected p and significance stars."""
 
-    families: list[Family]
-    models: list[ModelRow]
+    families: list[ComparisonFamily]
+    model_rows: list[ModelRow]
 
 
-def assign_roles(
-    families: Sequence[Family], models: Sequence[ModelRow], plan: Plan | None
+def assign_result_roles(
+    families: Sequence[ComparisonFamily], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
     """Returns all tests and model effects with their roles. The correction is separate for simulated participants.
 
@@ -100,32 +100,32 @@ def assign_roles(
     )
 
 
-def _role_of_test(family: Family, row: ComparisonRow, plan: Plan | None) -> str:
+def _role_of_test(family: ComparisonFamily, row: ComparisonRow, plan: Plan | None) -> str:
     """Returns the role of a test. If a hypothesis contains a test by trial, the test by participant is primary."""
-    if row.unit == TRIAL:
+    if row.unit == TRIAL_UNIT:
         return SUPPLEMENT
     if plan is None:
-        return PRIMARY if family.question.primary else SECONDARY
-    named = (family.question.family_name(unit) for unit in (PARTICIPANT, TRIAL))
+        return PRIMARY if family.question.is_primary else SECONDARY
+    named = (family.question.family_name(unit) for unit in (PARTICIPANT_UNIT, TRIAL_UNIT))
     return PRIMARY if any(plan.hypotheses_of(name, row.quantity) for name in named) else SECONDARY
 
 
 def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
     if plan is not None and plan.hypotheses_of(row.family, row.quantity):
         return PRIMARY
-    return SENSITIVITY if row.effect == POLICIES else SECONDARY
+    return SENSITIVITY if row.effect == POLICY_EFFECT else SECONDARY
 
 
-TestDifferences = tuple[float | None, Mapping[str, float]]
+PValueAndDifferences = tuple[float | None, Mapping[str, float]]
 """(p, difference of each participant) of a test. For unpaired tests, the differences are empty."""
 
 
-def _p_and_differences(families: Sequence[Family], at: TestIndex) -> TestDifferences:
+def _p_and_differences(families: Sequence[ComparisonFamily], at: TestIndex) -> PValueAndDifferences:
     family = families[at[0]]
-    return family.rows[at[1]].p, family.differences[at[1]]
+    return family.rows[at[1]].p, family.participant_differences[at[1]]
 
 
-def _corrected(tests: Sequence[TestDifferences], effects: Sequence[float | None]) -> list[float | None]:
+def _corrected(tests: Sequence[PValueAndDifferences], effects: Sequence[float | None]) -> list[float | None]:
     """Returns corrected p of the tests, then of the model effects.
 
     Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are results of
@@ -142,8 +142,11 @@ def _corrected(tests: Sequence[TestDifferences], effects: Sequence[float | None]
 
 
 def _with_roles(
-    at: int, family: Family, roles: Mapping[TestIndex, str], corrected: Mapping[TestIndex, float | None]
-) -> Family:
+    at: int,
+    family: ComparisonFamily,
+    roles: Mapping[TestIndex, str],
+    corrected: Mapping[TestIndex, float | None],
+) -> ComparisonFamily:
     def given() -> Iterator[ComparisonRow]:
         for place, row in enumerate(family.rows):
             p = corrected.get((at, place))
@@ -152,7 +155,7 @@ def _with_roles(
     return replace(family, rows=tuple(given()))
 
 
-PRIMARY_HEADS = (
+PRIMARY_COLUMN_HEADINGS = (
     "Question",
     "Quantity",
     "Groups",
@@ -173,7 +176,7 @@ WITHOUT_PLAN_TEXT = (
 WITH_PLAN_TEXT = (
     "The primary results are the tests of the hypotheses in the plan, with one value per participant."
 )
-OTHER_RESULTS = (
+OTHER_RESULTS_TEXT = (
     "Only primary results have stars, for p after correction over all of them: * < 0.05, ** < 0.01, *** < 0.001. All "
     "other results are sensitivity analyses, secondary or supplementary. Stars and figures use “p, corrected”. "
     "“p, Holm” in other tables is corrected within one family and therefore differs."
@@ -196,9 +199,11 @@ def primary_section(
         "section",
         tag("h3", "Primary results"),
         *mark,
-        tag("p", f"{WITH_PLAN_TEXT if planned else WITHOUT_PLAN_TEXT} {OTHER_RESULTS}"),
+        tag("p", f"{WITH_PLAN_TEXT if planned else WITHOUT_PLAN_TEXT} {OTHER_RESULTS_TEXT}"),
         *limits,
-        table(group_caption(PRIMARY_CAPTION, simulated), PRIMARY_HEADS, rows, PRIMARY_NUMERIC_COLUMNS),
+        table(
+            group_caption(PRIMARY_CAPTION, simulated), PRIMARY_COLUMN_HEADINGS, rows, PRIMARY_NUMERIC_COLUMNS
+        ),
     )
 
 
@@ -221,9 +226,9 @@ def _primary_of_group(
 
 def _test_cells(row: ComparisonRow) -> tuple[object, ...]:
     return (
-        row.family.removesuffix(f", by {PARTICIPANT}"), row.quantity, f"{row.group_a} / {row.group_b}",
-        n_text(row), f"{short_number(row.median_a)} / {short_number(row.median_b)}",
-        interval_text(row.effect, row.effect_low, row.effect_high),
+        row.family.removesuffix(f", by {PARTICIPANT_UNIT}"), row.quantity, f"{row.group_a} / {row.group_b}",
+        sample_size_text(row), f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+        effect_size_text(row.effect, row.effect_low, row.effect_high),
         row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.stars,
     )  # fmt: skip
 

@@ -7,19 +7,19 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, to_euler_xyz
 from avrgym.models.human import JOINT_INDEX, Person, Posture
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
-from avrgym.people.cooperation import OfferedPart
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
+from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.recording.reader import Recording
-from avrgym.recording.world import recorded_world
+from avrgym.recording.world import rebuild_world
 from avrgym.tasks.registry import task_and_scene
 
-CHANNELS = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
+MOTION_JOINTS = ("waist_x", "waist_y", "head_x", "head_z", "right_elbow_x")
 """Joints with fitted motion. Their angles are determined by the tracking of head and hands."""
-WAIST_X, WAIST_Y, HEAD_X, HEAD_Z, ELBOW = range(len(CHANNELS))
-_COLUMNS = [JOINT_INDEX[name] for name in CHANNELS]
+WAIST_X, WAIST_Y, HEAD_X, HEAD_Z, ELBOW = range(len(MOTION_JOINTS))
+_COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINTS]
 _WAIST, _HEAD = ([JOINT_INDEX[f"{part}_{axis}"] for axis in "xyz"] for part in ("waist", "head"))
 
-MIN_TIMES = 20
+MIN_MOTION_SAMPLES = 20
 """Minimum number of samples of a motion: two seconds."""
 
 
@@ -33,65 +33,67 @@ class RecordedMotion:
         offered, posture: offered body part and posture of the person in the task.
         tool_w, head_w, mouth_w: positions (K, 3) of tool, head and mouth every 0.1 s, in metres in the world frame.
         right_arm_w: positions (K, 3, 3) of right shoulder, elbow and wrist.
-        angles_rad: angles (10 K, 5) of the ``CHANNELS`` every 0.01 s. Head angles include the yaw of the waist.
+        angles_rad: angles (10 K, 5) of the ``MOTION_JOINTS`` every 0.01 s. Head angles include the yaw of the waist.
         start: index of the first of the K samples with robot motion.
     """
 
     participant: str
     person: Person
-    offered: OfferedPart
+    offered_part: OfferedBodyPart
     posture: Posture
-    tool_w: FloatArray
-    head_w: FloatArray
-    mouth_w: FloatArray
-    right_arm_w: FloatArray
+    tool_pos_w: FloatArray
+    head_pos_w: FloatArray
+    mouth_pos_w: FloatArray
+    right_arm_pos_w: FloatArray
     angles_rad: FloatArray
-    start: int
+    first_active_sample: int
 
 
-def read_motion(participant: str, recording: Recording) -> RecordedMotion:
+def read_recorded_motion(participant: str, recording: Recording) -> RecordedMotion:
     """Returns the motion in the recording of a completed trial.
 
     Raises:
         ValueError: if the recording contains no simulation states, no joint targets or less than two seconds of motion,
             or if its world cannot be created.
     """
-    states, targets = recording.topics["/physics"], recording.topics["/body_targets"]
-    control, events = recording.topics["/control"], recording.topics["/events"]
+    states, targets = recording.messages_by_topic["/physics"], recording.messages_by_topic["/body_targets"]
+    control, events = recording.messages_by_topic["/control"], recording.messages_by_topic["/events"]
     begins = [time_ns / 1e9 for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
-    count = int(control[-1][0] / 1e9 / PHYSICS_STEP_S + 1e-6) // SUBSTEPS if control else 0
-    if not begins or not targets or len(states) < count * SUBSTEPS or count < MIN_TIMES:
+    count = int(control[-1][0] / 1e9 / PHYSICS_STEP_S + 1e-6) // DEFAULT_SUBSTEPS if control else 0
+    if not begins or not targets or len(states) < count * DEFAULT_SUBSTEPS or count < MIN_MOTION_SAMPLES:
         raise ValueError(
             "the recording contains no simulation states, no joint targets or less than 2 s of motion"
         )
     task, scene = task_and_scene(recording.configuration.environment)
-    simulation = recorded_world(recording.configuration).simulation
+    simulation = rebuild_world(recording.configuration).simulation
     perceived: list[tuple[FloatArray, ...]] = []
-    for _, physics in states[: count * SUBSTEPS : SUBSTEPS]:
+    for _, physics in states[: count * DEFAULT_SUBSTEPS : DEFAULT_SUBSTEPS]:
         simulation.set_integration_state(np.array(physics.state, float))
         now = simulation.state()
         perceived.append((now.tool_pos_w[0], now.head_pos_w[0], now.mouth_pos_w[0], now.right_arm_pos_w[0]))
     tool_w, head_w, mouth_w, right_arm_w = (np.stack(each) for each in zip(*perceived, strict=True))
     times_s = np.array([time_ns for time_ns, _ in targets]) / 1e9
-    ticks_s = PHYSICS_STEP_S * np.arange(count * SUBSTEPS)
+    ticks_s = PHYSICS_STEP_S * np.arange(count * DEFAULT_SUBSTEPS)
     rows = np.maximum(np.searchsorted(times_s, ticks_s + 1e-6, side="right") - 1, 0)
     angles_rad = np.array([record.joint_targets for _, record in targets])[rows]
     return RecordedMotion(
         participant=participant,
         person=recording.configuration.start_person,
-        offered=task.offered,
+        offered_part=task.offered,
         posture=scene.posture,
-        tool_w=tool_w,
-        head_w=head_w,
-        mouth_w=mouth_w,
-        right_arm_w=right_arm_w,
+        tool_pos_w=tool_w,
+        head_pos_w=head_w,
+        mouth_pos_w=mouth_w,
+        right_arm_pos_w=right_arm_w,
         angles_rad=_channels(angles_rad),
-        start=min(int(begins[0] / PHYSICS_STEP_S) // SUBSTEPS, count - MIN_TIMES),
+        first_active_sample=min(
+            int(begins[0] / PHYSICS_STEP_S) // DEFAULT_SUBSTEPS, count - MIN_MOTION_SAMPLES
+        ),
     )
 
 
 def _channels(joint_angles_rad: FloatArray) -> FloatArray:
-    """Returns the angles (T, 5) of the ``CHANNELS`` from joint angles (T, 20).
+    """Returns the angles (T, 5) of the ``MOTION_JOINTS`` from joint angles (T, 20).
 
     The yaw of the waist is added to the rotation of the head, because inverse kinematics divides yaw between both.
     """

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from avrgym.analysis.columns import AT_LEAST_0, IsSimulated, PolicyName, RobotName, TaskName
 from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, table, tag
-from avrgym.study.checking.repeats import REASONS, AttemptedTrial, Repeat
+from avrgym.study.checking.repeats import REPEAT_REASONS, AttemptedTrial, ReplacedAttempt
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
@@ -23,7 +23,7 @@ class RepeatRow:
     trials: Annotated[
         int, Column("Number of started trials of the condition, without practice trials.", allowed=AT_LEAST_0)
     ]
-    reason: Annotated[str, Column("Reason of the repeats.", allowed=", ".join(REASONS))]
+    reason: Annotated[str, Column("Reason of the repeats.", allowed=", ".join(REPEAT_REASONS))]
     cause: Annotated[str, Column("The cause as text.")]
     ordered_by: Annotated[
         str, Column("The experimenter who requested the repeats.", empty="no experimenter requested them")
@@ -51,7 +51,7 @@ def repeat_rows(attempted_trials: Iterable[AttemptedTrial]) -> list[RepeatRow]:
 
 def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> Iterable[RepeatRow]:
     simulated, task, robot, policy = condition
-    groups = defaultdict[Hashable, list[Repeat]](list)
+    groups = defaultdict[Hashable, list[ReplacedAttempt]](list)
     for repeat in (repeat for each in own for repeat in each.repeats):
         groups[repeat.reason, repeat.cause, repeat.requested_by].append(repeat)
     for repeats in groups.values():
@@ -72,7 +72,7 @@ def _rows(condition: tuple[bool, str, str, str], own: list[AttemptedTrial]) -> I
         )
 
 
-REPEATS_METHOD = (
+REPEATS_METHOD_TEXT = (
     "Repeats: attempts, without practice, that a later attempt replaced. An experimenter requests a "
     "repeat by the commands repeat, skip, pause, stop, end or measure again. Exact tests compare "
     "requested repeats between policies, between robots "
@@ -96,7 +96,7 @@ def _policy_codes(design: Design) -> list[Markup]:
     """Returns a paragraph with the policy of each code letter; an empty list if the experimenter is not blinded."""
     if not design.blind_experimenter:
         return []
-    codes = [f"{letter} is {policy}" for policy, letter in design.policy_codes().items()]
+    codes = [f"{letter} is {policy}" for policy, letter in design.blinded_policy_letters().items()]
     return [tag("p", f"Policy codes: {', '.join(sorted(codes))}.")]
 
 

@@ -10,7 +10,7 @@ from avrgym.analysis.answers.scores import scores_section
 from avrgym.analysis.answers.section import answers_section
 from avrgym.analysis.biomechanics.section import biomechanics_section
 from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
-from avrgym.analysis.commands import COMMANDS_METHOD, commands_section
+from avrgym.analysis.commands import COMMANDS_METHOD_TEXT, commands_section
 from avrgym.analysis.designs import (
     DIFFERENCES_TITLE,
     describe_by_design,
@@ -18,13 +18,13 @@ from avrgym.analysis.designs import (
     differences_section,
 )
 from avrgym.analysis.headsets import headset_section
-from avrgym.analysis.latency import LATENCY_METHOD, latency_section
-from avrgym.analysis.log import log_section
-from avrgym.analysis.models.section import MODELS_METHOD, models_section
+from avrgym.analysis.latency import LATENCY_METHOD_TEXT, latency_section
+from avrgym.analysis.log import access_log_section
+from avrgym.analysis.models.section import MODELS_METHOD_TEXT, models_section
 from avrgym.analysis.outcomes.section import outcomes_section
 from avrgym.analysis.outcomes.trials import trials_section
-from avrgym.analysis.page.comparisons import remaining_tests, tables_of_tests
-from avrgym.analysis.page.drawing import Drawing
+from avrgym.analysis.page.comparisons import other_tests_section, tables_of_tests
+from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.page.elements import (
     Markup,
     badge,
@@ -32,35 +32,37 @@ from avrgym.analysis.page.elements import (
     count_text,
     definition_list,
     group_caption,
-    join,
+    join_markup,
     table,
     tag,
     warning_box,
-    write_page,
+    write_html_page,
 )
-from avrgym.analysis.plan import NO_PLAN, confirmatory_section, plan_section
+from avrgym.analysis.plan import NO_PLAN_TEXT, confirmatory_section, plan_section
 from avrgym.analysis.primary import primary_section
 from avrgym.analysis.reading.rows import ParticipantRow
-from avrgym.analysis.repeats import REPEATS_METHOD, repeats_section
+from avrgym.analysis.repeats import REPEATS_METHOD_TEXT, repeats_section
 from avrgym.analysis.sessions import sessions_section
 from avrgym.analysis.sites import sites_section
 from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK
 from avrgym.analysis.streams import streams_section
-from avrgym.analysis.study import Analysis
+from avrgym.analysis.study import StudyAnalysis
 from avrgym.commands.respondents import PROXY
 from avrgym.study.design.design import Design
-from avrgym.study.storage.states import UNKNOWN
-from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
+from avrgym.system.random_streams import TRAINING_POPULATION_SEED
 
-TITLES = {False: "People", True: "Simulated participants"}
+GROUP_TITLES = {False: "People", True: "Simulated participants"}
 
 
-def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], study_link: str) -> None:
+def write_report(
+    path: Path, analysis: StudyAnalysis, drawings: Sequence[ReportFigure], study_link: str
+) -> None:
     """Write the report as an HTML page. The bytes of equal analyses are equal.
 
     ``study_link``: relative link to the study's folder.
     """
-    groups = sorted({row.simulated for row in analysis.observed.participants})
+    groups = sorted({row.simulated for row in analysis.study_data.participants})
     header = [
         tag("p", "Analysis of the study in its current state."),
         _notices(analysis),
@@ -68,26 +70,26 @@ def write_report(path: Path, analysis: Analysis, drawings: Sequence[Drawing], st
     ]
     sections = [_group(analysis, simulated, drawings, study_link) for simulated in groups]
     nobody = [tag("p", "There are no participants yet.")] if not groups else []
-    write_page(
+    write_html_page(
         path,
         analysis.design.title,
         header,
         [
-            differences_section(analysis.differences, analysis.items),
-            plan_section(analysis.plan),
+            differences_section(analysis.design_differences, analysis.item_versions),
+            plan_section(analysis.frozen_plan),
             *nobody,
             *sections,
             _facts(analysis),
-            log_section(analysis.log, analysis.rebuilt_at),
+            access_log_section(analysis.access_log, analysis.rebuilt_at),
             _problems(analysis),
             _methods(analysis),
         ],
     )
 
 
-def _notices(analysis: Analysis) -> Markup:
-    everyone = analysis.observed.participants
-    notices: list[Markup] = differences_notice(analysis.differences)
+def _notices(analysis: StudyAnalysis) -> Markup:
+    everyone = analysis.study_data.participants
+    notices: list[Markup] = differences_notice(analysis.design_differences)
     simulated = sum(row.simulated for row in everyone)
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
@@ -96,16 +98,16 @@ def _notices(analysis: Analysis) -> Markup:
             "information about people and are analysed separately."
         )
         notices.append(warning_box("SIMULATED PARTICIPANTS.", words))
-    by_proxy = [row for row in analysis.observed.answers if row.respondent == PROXY]
+    by_proxy = [row for row in analysis.study_data.answers if row.respondent == PROXY]
     if by_proxy:
         people = len({row.participant for row in by_proxy})
         words = (
-            f"A proxy gave {len(by_proxy)} of {len(analysis.observed.answers)} answers, for "
+            f"A proxy gave {len(by_proxy)} of {len(analysis.study_data.answers)} answers, for "
             f"{count_text(people, 'participant')}. Tables count them in a column; tests and models contain them."
         )
         notices.append(warning_box("Answers by proxy.", words))
-    notices += [warning_box("Rebuilt database.", words) for words in analysis.losses]
-    if analysis.plan is not None and not analysis.plan.is_confirmatory:
+    notices += [warning_box("Rebuilt database.", words) for words in analysis.data_losses]
+    if analysis.frozen_plan is not None and not analysis.frozen_plan.is_confirmatory:
         notices.append(warning_box("Exploratory.", "No plan was frozen before the first participant."))
     if (
         any(use.design.blind_experimenter for use in analysis.session_designs)
@@ -116,13 +118,13 @@ def _notices(analysis: Analysis) -> Markup:
                 "Unblinded.", "The experimenter is blinded in this study; this page names the policies."
             )
         )
-    return join(notices)
+    return join_markup(notices)
 
 
-def _navigation(analysis: Analysis, groups: Sequence[bool]) -> Markup:
-    plan = [tag("a", DIFFERENCES_TITLE, href="#differences")] if analysis.differences else []
-    plan += [tag("a", "The plan", href="#plan")] if analysis.plan else []
-    links = [tag("a", TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
+def _navigation(analysis: StudyAnalysis, groups: Sequence[bool]) -> Markup:
+    plan = [tag("a", DIFFERENCES_TITLE, href="#differences")] if analysis.design_differences else []
+    plan += [tag("a", "The plan", href="#plan")] if analysis.frozen_plan else []
+    links = [tag("a", GROUP_TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
     return tag(
         "nav",
         *plan,
@@ -138,7 +140,9 @@ def _id(simulated: bool) -> str:
     return "simulated" if simulated else "people"
 
 
-def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], study_link: str) -> Markup:
+def _group(
+    analysis: StudyAnalysis, simulated: bool, drawings: Sequence[ReportFigure], study_link: str
+) -> Markup:
     own = {
         each.name.rpartition("-")[0]: each
         for each in drawings
@@ -146,40 +150,40 @@ def _group(analysis: Analysis, simulated: bool, drawings: Sequence[Drawing], stu
     }
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
     tests = tables_of_tests(analysis.families, simulated)
-    design, observed = analysis.design, analysis.observed
-    confirmed = analysis.plan.confirmed if analysis.plan else None
+    design, observed = analysis.design, analysis.study_data
+    confirmed = analysis.frozen_plan.confirmatory_plan if analysis.frozen_plan else None
     findings = analysis.repeat_findings if simulated is analysis.repeats_of_simulated else []
     return tag(
         "article",
-        tag("h2", TITLES[simulated]),
+        tag("h2", GROUP_TITLES[simulated]),
         *mark,
         _counts(analysis, simulated),
         sessions_section(analysis.sessions, simulated),
         confirmatory_section(confirmed, analysis.tests, analysis.models, simulated),
         primary_section(analysis.tests, analysis.models, simulated, planned=confirmed is not None),
-        outcomes_section(design, analysis.objective, simulated, own, tests),
-        answers_section(design, analysis.subjective, analysis.session_answers, simulated, own, tests),
+        outcomes_section(design, analysis.objective_outcomes, simulated, own, tests),
+        answers_section(design, analysis.answer_summaries, analysis.session_answers, simulated, own, tests),
         scores_section(design, observed.scores, analysis.score_summaries, simulated, tests),
         models_section(analysis.models, simulated),
         commands_section(design, observed.trials, observed.commands, simulated),
-        biomechanics_section(analysis.biomechanics, analysis.ranges, simulated, own, tests),
-        remaining_tests(tests),
+        biomechanics_section(analysis.biomechanics, analysis.measure_ranges, simulated, own, tests),
+        other_tests_section(tests),
         sites_section(
             observed.participants, observed.trials, analysis.site_outcomes, analysis.site_effects, simulated
         ),
         *([] if simulated else [adverse_events_section(analysis)]),
         streams_section(observed.streams, simulated),
-        latency_section(analysis.latency, simulated),
+        latency_section(analysis.latency_summaries, simulated),
         repeats_section(design, analysis.repeats, findings, simulated),
         trials_section(observed, simulated, study_link),
         id=_id(simulated),
     )
 
 
-def _counts(analysis: Analysis, simulated: bool) -> Markup:
-    people = [row for row in analysis.observed.participants if row.simulated is simulated]
-    trials = [row for row in analysis.observed.trials if row.simulated is simulated]
-    unknown = _in_state(people, UNKNOWN)
+def _counts(analysis: StudyAnalysis, simulated: bool) -> Markup:
+    people = [row for row in analysis.study_data.participants if row.simulated is simulated]
+    trials = [row for row in analysis.study_data.trials if row.simulated is simulated]
+    unknown = _in_state(people, UNKNOWN_PARTICIPATION)
     metrics = {
         "Participants": len(people),
         "completed the study": _in_state(people, "completed"),
@@ -214,14 +218,14 @@ def _counts(analysis: Analysis, simulated: bool) -> Markup:
     left_out = [f"{row.participant}, trial {row.position}: {row.left_out}." for row in trials if row.left_out]
     listed = [tag("p", "Excluded from the analyses:"), bullet_list(left_out)] if left_out else []
     shown = table(group_caption(caption, simulated), heads, rows, numbers=range(len(heads) - 7, len(heads)))
-    return join([definition_list(metrics), *listed, shown])
+    return join_markup([definition_list(metrics), *listed, shown])
 
 
 def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
     return sum(row.state == state for row in people)
 
 
-def _facts(analysis: Analysis) -> Markup:
+def _facts(analysis: StudyAnalysis) -> Markup:
     """Returns a section with facts for a publication that are not in the results."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
@@ -235,12 +239,12 @@ def _facts(analysis: Analysis) -> Markup:
     }
     words = bullet_list([f"{name}: {text}" for name, text in rows.items()])
     note = "Values come from recordings if there are any."
-    planned = [] if analysis.plan else [tag("p", NO_PLAN)]
+    planned = [] if analysis.frozen_plan else [tag("p", NO_PLAN_TEXT)]
     return tag("section", tag("h2", "About the study"), words, tag("p", note), *planned, id="facts")
 
 
 def _goals(design: Design) -> str:
-    return " ".join(f"{task}: {design.goal_of(task)}" for task in design.tasks)
+    return " ".join(f"{task}: {design.instruction_of_task(task)}" for task in design.tasks)
 
 
 def _seat(design: Design) -> str:
@@ -253,13 +257,13 @@ def _mattress(design: Design) -> str:
     return f"{bed.mattress_height_m:g} m high, back at {bed.mattress_back_deg:g}°"
 
 
-def _problems(analysis: Analysis) -> Markup:
+def _problems(analysis: StudyAnalysis) -> Markup:
     places: dict[tuple[str, str], list[str]] = {}
-    for row in analysis.observed.problems:
+    for row in analysis.study_data.problems:
         places.setdefault((row.what, row.consequence), []).append(row.where)
     lines = [_problem(what, consequence, where) for (what, consequence), where in places.items()]
     text = (
-        count_text(len(analysis.observed.problems), "problem") + ":"
+        count_text(len(analysis.study_data.problems), "problem") + ":"
         if lines
         else "None: every recording is present, complete and consistent."
     )
@@ -274,7 +278,7 @@ def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))
 
 
-METHODS = (
+METHOD_TEXTS = (
     "Analysed trials: completed trials without practice, of participants who have not withdrawn. A trial is excluded "
     "and listed if tracking was lost or jumped for a larger share of the robot's time than the design allows. Every "
     "table in tables/ marks rows about simulated participants.",
@@ -293,24 +297,26 @@ METHODS = (
     "differences of a participant together (Westfall and Young, 1993; Romano and Wolf, 2005). Models and unpaired "
     "tests that a plan makes primary have Holm's correction. If a plan has both, each corrected p is doubled.",
     f"Training populations: {PEOPLE_PER_TASK} people sampled for each task and population, seed "
-    f"{TRAINING_PEOPLE_SEED}.",
+    f"{TRAINING_POPULATION_SEED}.",
     "Head positions and torso heights: signed-rank tests pair each trial with a sampled person, as in the paper. "
     "Mann-Whitney and energy distance tests compare one value per participant with all sampled people. Means of "
     "several trials vary less than single people, so a small p does not always mean another location.",
 )
 
 
-def _methods(analysis: Analysis) -> Markup:
+def _methods(analysis: StudyAnalysis) -> Markup:
     more = (
         "docs/reference/analysis.md in AVR Gym's repository describes the tables and how to recompute numbers. "
         "reporting/index.html contains text, tables and a checklist for a publication."
     )
-    commands = (COMMANDS_METHOD,) if analysis.observed.commands else ()
+    commands = (COMMANDS_METHOD_TEXT,) if analysis.study_data.commands else ()
     return tag(
         "section",
         tag("h2", "Methods"),
-        bullet_list((*METHODS, *MODELS_METHOD, *commands, REPEATS_METHOD, LATENCY_METHOD)),
-        headset_section(analysis.headsets),
+        bullet_list(
+            (*METHOD_TEXTS, *MODELS_METHOD_TEXT, *commands, REPEATS_METHOD_TEXT, LATENCY_METHOD_TEXT)
+        ),
+        headset_section(analysis.headset_checks),
         tag("p", more),
         id="methods",
     )

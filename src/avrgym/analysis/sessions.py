@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, Session
+from avrgym.analysis.columns import AT_LEAST_0, SessionNumber
 from avrgym.analysis.page.elements import Markup, group_caption, table, tag
 from avrgym.analysis.reading.rows import ParticipantColumns, ParticipantRow
 from avrgym.study.storage.session_summary import summarise_sessions
@@ -17,7 +17,7 @@ from avrgym.system.columns import Column
 class SessionRow(ParticipantColumns):
     """A session of a participant."""
 
-    session: Session
+    session: SessionNumber
     day: Annotated[
         int, Column("Day of the session. Day 1 is the day of the first session, in UTC.", allowed="from 1")
     ]

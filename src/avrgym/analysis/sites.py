@@ -5,46 +5,46 @@ from dataclasses import asdict, dataclass
 from itertools import product
 from typing import Annotated
 
-from avrgym.analysis.answers.scores import score_families
-from avrgym.analysis.answers.session_answers import session_families
-from avrgym.analysis.answers.trial_answers import answer_families
+from avrgym.analysis.answers.scores import score_test_families
+from avrgym.analysis.answers.session_answers import session_test_families
+from avrgym.analysis.answers.trial_answers import answer_test_families
 from avrgym.analysis.columns import (
-    EffectHigh,
-    EffectLow,
     EffectSize,
-    Family,
+    EffectSizeHigh,
+    EffectSizeLow,
+    FamilyName,
     GroupA,
     GroupB,
     IsSimulated,
     MedianA,
     MedianB,
-    N,
-    Quantity,
-    Zeros,
+    QuantityName,
+    ValueCount,
+    ZeroDifferenceCount,
 )
-from avrgym.analysis.outcomes.outcomes import Outcome, outcome
+from avrgym.analysis.outcomes.outcomes import ConditionOutcome, condition_outcome
 from avrgym.analysis.page.elements import (
     Markup,
+    effect_size_text,
     group_caption,
-    interval_text,
     percent_text,
     short_number,
     table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
-from avrgym.analysis.statistics.comparisons import PARTICIPANT, ComparisonRow
+from avrgym.analysis.reading.rows import ALL_LABEL, AnswerRow, ParticipantRow, ScoreRow, TrialRow
+from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT, ComparisonRow
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
-SiteName = Annotated[str, Column("Site of the participants, or `no site`.")]
+SiteLabel = Annotated[str, Column("Site of the participants, or `no site`.")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class SiteOutcomeRow(Outcome):
+class SiteOutcomeRow(ConditionOutcome):
     """Results of the analysed trials in one condition at one site."""
 
-    site: SiteName
+    site: SiteLabel
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,18 +52,18 @@ class SiteEffectRow:
     """An effect size at one site, with one value for each participant. Columns are those of ``ComparisonRow``."""
 
     simulated: IsSimulated
-    site: SiteName
-    family: Family
-    quantity: Quantity
+    site: SiteLabel
+    family: FamilyName
+    quantity: QuantityName
     group_a: GroupA
     group_b: GroupB
-    n: N
-    zeros: Zeros
+    n: ValueCount
+    zeros: ZeroDifferenceCount
     median_a: MedianA
     median_b: MedianB
     effect: EffectSize
-    effect_low: EffectLow
-    effect_high: EffectHigh
+    effect_low: EffectSizeLow
+    effect_high: EffectSizeHigh
 
 
 NO_SITE = "no site"
@@ -74,9 +74,11 @@ def site_outcome_rows(design: Design, trials: Sequence[TrialRow]) -> list[SiteOu
     """Returns the results of each condition at each site; empty for a single site."""
     rows: list[SiteOutcomeRow] = []
     for simulated, site in _sites(trials):
-        own = [row for row in trials if row.counted and row.simulated is simulated and site_of(row) == site]
-        for task, robot, policy in product((*design.tasks, ALL), design.robots, design.policies):
-            found = outcome(own, simulated, task, robot, policy)
+        own = [
+            row for row in trials if row.counted and row.simulated is simulated and site_label(row) == site
+        ]
+        for task, robot, policy in product((*design.tasks, ALL_LABEL), design.robots, design.policies):
+            found = condition_outcome(own, simulated, task, robot, policy)
             rows.append(SiteOutcomeRow(site=site, **asdict(found)))
     return rows
 
@@ -87,20 +89,23 @@ def site_effect_rows(
     """Returns effect sizes of answers and scores at each site; empty for a single site."""
     rows: list[SiteEffectRow] = []
     for simulated, site in _sites(trials):
-        given = [row for row in answers if row.simulated is simulated and site_of(row) == site]
-        scored = [row for row in scores if row.simulated is simulated and site_of(row) == site]
+        given = [row for row in answers if row.simulated is simulated and site_label(row) == site]
+        scored = [row for row in scores if row.simulated is simulated and site_label(row) == site]
         families = [
-            *answer_families(design, given),
-            *session_families(design, given),
-            *score_families(design, scored),
+            *answer_test_families(design, given),
+            *session_test_families(design, given),
+            *score_test_families(design, scored),
         ]
         rows += [
-            _site_effect(site, row) for family in families for row in family.rows if row.unit == PARTICIPANT
+            _site_effect(site, row)
+            for family in families
+            for row in family.rows
+            if row.unit == PARTICIPANT_UNIT
         ]
     return rows
 
 
-def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
+def site_label(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
     """Returns the site name in a row; ``NO_SITE`` if the row has no site."""
     return row.site or NO_SITE
 
@@ -108,7 +113,7 @@ def site_of(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
     """Yields (simulated, site name) for each site of a group. A group with a single site is omitted."""
     for simulated in (False, True):
-        sites = sorted({site_of(row) for row in trials if row.counted and row.simulated is simulated})
+        sites = sorted({site_label(row) for row in trials if row.counted and row.simulated is simulated})
         if len(sites) > 1:
             yield from ((simulated, site) for site in sites)
 
@@ -131,7 +136,7 @@ def _site_effect(site: str, row: ComparisonRow) -> SiteEffectRow:
     )
 
 
-SITES_METHOD = (
+SITES_METHOD_TEXT = (
     "The tests above pool all sites. This section describes each site separately, with one value per participant, and "
     "tests nothing."
 )
@@ -150,7 +155,7 @@ def sites_section(
     return tag(
         "section",
         tag("h3", "By site"),
-        tag("p", SITES_METHOD),
+        tag("p", SITES_METHOD_TEXT),
         _participants_table(participants, trials, simulated),
         _outcomes_table(outcomes, simulated),
         _effects_table(effects, simulated),
@@ -164,14 +169,14 @@ def _participants_table(
     body = [
         (
             site,
-            sum(site_of(row) == site for row in people),
+            sum(site_label(row) == site for row in people),
             *(
-                sum(site_of(row) == site and row.state == state for row in people)
+                sum(site_label(row) == site and row.state == state for row in people)
                 for state in ("completed", "withdrawn")
             ),
-            sum(site_of(row) == site and row.counted and row.simulated is simulated for row in trials),
+            sum(site_label(row) == site and row.counted and row.simulated is simulated for row in trials),
         )
-        for site in sorted({site_of(row) for row in people})
+        for site in sorted({site_label(row) for row in people})
     ]
     heads = ("Site", "Participants", "completed the study", "withdrew", "Trials in the analyses")
     return table(group_caption("Participants of each site", simulated), heads, body, numbers=range(1, 5))
@@ -187,7 +192,7 @@ def _outcomes_table(outcomes: Sequence[SiteOutcomeRow], simulated: bool) -> Mark
             percent_text(row.success_rate, row.success_low, row.success_high),
         )
         for row in outcomes
-        if row.simulated is simulated and row.task == ALL
+        if row.simulated is simulated and row.task == ALL_LABEL
     ]
     heads = ("Site", "Robot", "Policy", "Trials", "Success")
     caption = group_caption("Success over all tasks at each site, with 95 % confidence intervals", simulated)
@@ -201,7 +206,7 @@ def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.site,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
             f"{short_number(row.median_a)} / {short_number(row.median_b)}",
-            interval_text(row.effect, row.effect_low, row.effect_high),
+            effect_size_text(row.effect, row.effect_low, row.effect_high),
         )
         for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))
     ]  # fmt: skip

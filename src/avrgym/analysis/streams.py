@@ -6,13 +6,13 @@ from statistics import median
 from avrgym.analysis.page.elements import Markup, group_caption, number_text, table, tag
 from avrgym.analysis.reading.rows import StreamRow
 
-STREAMS_METHOD = (
+STREAMS_METHOD_TEXT = (
     "Lab Streaming Layer transmits the streams. The measured clock offset is added to the time of each sample. Jitter "
     "is the standard deviation of sample times about even spacing, between gaps. Gaps are stretches with missing "
     "samples. Medians are over trials; streams.csv contains every trial. At a clock reset, the device's clock jumped; "
     "times are corrected by the arrival of samples, and all metrics use corrected times."
 )
-STREAM_HEADS = (
+STREAM_TABLE_HEADINGS = (
     "Stream", "Kind", "Trials", "Samples", "Nominal rate / Hz", "Measured / Hz", "Clock offset / ms", "Maximum range",
     "Jitter / ms", "Maximum", "Gaps", "Clock resets", "Largest / s",
 )  # fmt: skip
@@ -29,8 +29,8 @@ def streams_section(recorded: Sequence[StreamRow], simulated: bool) -> Markup:
     return tag(
         "section",
         tag("h3", "Other devices"),
-        tag("p", STREAMS_METHOD),
-        table(caption, STREAM_HEADS, body, numbers=range(2, len(STREAM_HEADS))),
+        tag("p", STREAMS_METHOD_TEXT),
+        table(caption, STREAM_TABLE_HEADINGS, body, numbers=range(2, len(STREAM_TABLE_HEADINGS))),
     )
 
 

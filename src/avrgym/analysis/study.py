@@ -6,87 +6,87 @@ from typing import Any
 
 import msgspec
 
-from avrgym.analysis.answers.scores import ScoreSummaryRow, score_families, score_summary_rows
+from avrgym.analysis.answers.scores import ScoreSummaryRow, score_summary_rows, score_test_families
 from avrgym.analysis.answers.session_answers import (
     SessionAnswerRow,
     session_answer_rows,
-    session_families,
     session_likert_rows,
+    session_test_families,
 )
 from avrgym.analysis.answers.trial_answers import (
+    AnswerSummaryRow,
     LikertRow,
-    SubjectiveRow,
-    answer_families,
+    answer_summary_rows,
+    answer_test_families,
     likert_rows,
-    subjective_rows,
 )
 from avrgym.analysis.biomechanics.biomechanics import (
     BiomechanicsRow,
     BodyTrials,
-    RangeRow,
+    MeasureRangeRow,
     biomechanics_rows,
     body_trials_by_group,
-    range_rows,
+    measure_range_rows,
 )
-from avrgym.analysis.biomechanics.tests import biomechanics_families
+from avrgym.analysis.biomechanics.tests import biomechanics_test_families
 from avrgym.analysis.biomechanics.training_people import (
     PEOPLE_PER_TASK,
-    PersonRow,
+    SampledPersonRow,
     sample_training_people,
 )
-from avrgym.analysis.designs import ItemRow, item_rows
+from avrgym.analysis.designs import ItemVersionRow, item_version_rows
 from avrgym.analysis.flow import ParticipantFlow, participant_flows
 from avrgym.analysis.headsets import HeadsetRow, headset_rows
 from avrgym.analysis.latency import LatencyRow, latency_rows
-from avrgym.analysis.log import StudyLog, study_log
+from avrgym.analysis.log import AccessLogSummary, summarise_access_log
 from avrgym.analysis.models.models import ModelRow, model_rows
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_families
-from avrgym.analysis.outcomes.paper_tables import csv_tables, paper_tables
-from avrgym.analysis.plan import FrozenPlan, label_by_plan, plan_results, read_frozen_plan
-from avrgym.analysis.primary import assign_roles
+from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_test_families
+from avrgym.analysis.outcomes.paper_tables import paper_csv_tables, paper_tables
+from avrgym.analysis.plan import FrozenPlan, add_plan_status, plan_results, read_frozen_plan
+from avrgym.analysis.primary import assign_result_roles
 from avrgym.analysis.reading.commands import CommandRow
 from avrgym.analysis.reading.rows import (
     AnswerRow,
     AttemptRow,
+    DataProblemRow,
     ParticipantRow,
-    ProblemRow,
+    RewardTermRow,
     ScoreRow,
     StreamRow,
-    TermRow,
     TrialRow,
 )
-from avrgym.analysis.reading.study_data import StudyData, read_study
+from avrgym.analysis.reading.study_data import StudyData, read_study_data
 from avrgym.analysis.repeats import RepeatRow, repeat_rows
 from avrgym.analysis.sessions import SessionRow, session_rows
 from avrgym.analysis.sites import SiteEffectRow, SiteOutcomeRow, site_effect_rows, site_outcome_rows
-from avrgym.analysis.statistics.comparisons import ComparisonRow, Family
-from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM, MAX_EXACT_SIGNED_RANK, PERMUTATIONS
-from avrgym.analysis.tables import Table, control_steps
+from avrgym.analysis.statistics.comparisons import ComparisonFamily, ComparisonRow
+from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM, MAX_EXACT_SIGNED_RANK, PERMUTATION_COUNT
+from avrgym.analysis.tables import Table, control_steps_table
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.repeat_checks import check_repeats, is_simulated
+from avrgym.study.checking.repeat_checks import check_repeats, is_simulated_study
 from avrgym.study.checking.repeats import attempted_trials
 from avrgym.study.design.design import Design
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.functioning import functioning_counts
 from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, adverse_event_rows
 from avrgym.study.export.scores import uses_instruments
-from avrgym.study.storage.analysis_files import FORMAT_NAME
+from avrgym.study.storage.analysis_files import ANALYSIS_FORMAT
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.session_designs import SessionDesign, recorded_designs
+from avrgym.study.storage.session_designs import SessionDesign, designs_from_recordings
 from avrgym.study.storage.store import Store
-from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
+from avrgym.system.random_streams import TRAINING_POPULATION_SEED
 from avrgym.vr.session.attempt import versions
 
 CSV_ONLY_TABLES = ("control_steps", "people")
 """Names of the tables that are only in CSV files. They are too long for ``results.json``."""
-FORMAT = f"{FORMAT_NAME} 1"
-FROM_CURRENT_FILES = "data that recordings do not contain are taken from the current files of the study"
+RESULTS_FORMAT = f"{ANALYSIS_FORMAT} 1"
+CURRENT_FILES_TEXT = "data that recordings do not contain are taken from the current files of the study"
 
 
 @dataclass(frozen=True, eq=False)
-class Analysis:
+class StudyAnalysis:
     """The results of a study.
 
     Attributes:
@@ -122,33 +122,33 @@ class Analysis:
     """
 
     design: Design
-    plan: FrozenPlan | None
-    differences: list[Finding]
+    frozen_plan: FrozenPlan | None
+    design_differences: list[Finding]
     session_designs: list[SessionDesign]
-    items: list[ItemRow]
-    observed: StudyData
+    item_versions: list[ItemVersionRow]
+    study_data: StudyData
     flows: list[ParticipantFlow]
-    headsets: list[HeadsetRow]
+    headset_checks: list[HeadsetRow]
     sessions: list[SessionRow]
-    groups: list[BodyTrials]
-    people: list[PersonRow]
-    objective: list[ObjectiveRow]
-    subjective: list[SubjectiveRow]
+    body_trials: list[BodyTrials]
+    training_people: list[SampledPersonRow]
+    objective_outcomes: list[ObjectiveRow]
+    answer_summaries: list[AnswerSummaryRow]
     session_answers: list[SessionAnswerRow]
-    likert: list[LikertRow]
+    answer_frequencies: list[LikertRow]
     score_summaries: list[ScoreSummaryRow]
-    families: list[Family]
+    families: list[ComparisonFamily]
     models: list[ModelRow]
     biomechanics: list[BiomechanicsRow]
-    ranges: list[RangeRow]
+    measure_ranges: list[MeasureRangeRow]
     site_outcomes: list[SiteOutcomeRow]
     site_effects: list[SiteEffectRow]
-    latency: list[LatencyRow]
+    latency_summaries: list[LatencyRow]
     rebuilt_at: str | None
-    log: StudyLog
+    access_log: AccessLogSummary
     adverse_events: list[Mapping[str, Any]]
     functioning: list[dict[str, Any]]
-    losses: tuple[str, ...]
+    data_losses: tuple[str, ...]
     repeats: list[RepeatRow]
     repeat_findings: list[str]
     repeats_of_simulated: bool
@@ -160,133 +160,135 @@ class Analysis:
 
     def tables(self) -> Iterator[Table]:
         """Yields all tables for the CSV files."""
-        seen = self.observed
-        yield Table.of("participants", ParticipantRow, seen.participants)
-        yield Table.of("sessions", SessionRow, self.sessions)
-        yield Table.of("trials", TrialRow, seen.trials)
-        yield Table.of("attempts", AttemptRow, seen.attempts)
-        yield Table.of("repeats", RepeatRow, self.repeats)
-        yield Table.of("answers", AnswerRow, seen.answers)
-        yield Table.of("items", ItemRow, self.items)
-        yield Table.of("reward_terms", TermRow, seen.terms)
+        seen = self.study_data
+        yield Table.from_rows("participants", ParticipantRow, seen.participants)
+        yield Table.from_rows("sessions", SessionRow, self.sessions)
+        yield Table.from_rows("trials", TrialRow, seen.trials)
+        yield Table.from_rows("attempts", AttemptRow, seen.attempts)
+        yield Table.from_rows("repeats", RepeatRow, self.repeats)
+        yield Table.from_rows("answers", AnswerRow, seen.answers)
+        yield Table.from_rows("items", ItemVersionRow, self.item_versions)
+        yield Table.from_rows("reward_terms", RewardTermRow, seen.reward_terms)
         if seen.streams:
-            yield Table.of("streams", StreamRow, seen.streams)
+            yield Table.from_rows("streams", StreamRow, seen.streams)
         if seen.commands:
-            yield Table.of("commands", CommandRow, seen.commands)
+            yield Table.from_rows("commands", CommandRow, seen.commands)
         if self.functioning:
-            yield Table("functioning", TABLES["functioning"], self.functioning)
-        yield Table("adverse_events", TABLES["adverse_events"], self.adverse_events)
-        yield Table.of("problems", ProblemRow, seen.problems)
-        yield Table.of("objective", ObjectiveRow, self.objective)
-        yield from csv_tables(list(paper_tables(self.design, self.objective)))
-        yield Table.of("subjective", SubjectiveRow, self.subjective)
-        yield Table.of("session_answers", SessionAnswerRow, self.session_answers)
-        yield Table.of("likert", LikertRow, self.likert)
+            yield Table("functioning", COLUMNS_BY_TABLE["functioning"], self.functioning)
+        yield Table("adverse_events", COLUMNS_BY_TABLE["adverse_events"], self.adverse_events)
+        yield Table.from_rows("problems", DataProblemRow, seen.problems)
+        yield Table.from_rows("objective", ObjectiveRow, self.objective_outcomes)
+        yield from paper_csv_tables(list(paper_tables(self.design, self.objective_outcomes)))
+        yield Table.from_rows("subjective", AnswerSummaryRow, self.answer_summaries)
+        yield Table.from_rows("session_answers", SessionAnswerRow, self.session_answers)
+        yield Table.from_rows("likert", LikertRow, self.answer_frequencies)
         if uses_instruments(self.design):
-            yield Table.of("scores", ScoreRow, seen.scores)
-            yield Table.of("score_summaries", ScoreSummaryRow, self.score_summaries)
-        yield Table.of("tests", ComparisonRow, self.tests)
-        yield Table.of("models", ModelRow, self.models)
-        yield Table.of("biomechanics", BiomechanicsRow, self.biomechanics)
-        yield Table.of("ranges", RangeRow, self.ranges)
-        yield Table.of("people", PersonRow, self.people)
+            yield Table.from_rows("scores", ScoreRow, seen.scores)
+            yield Table.from_rows("score_summaries", ScoreSummaryRow, self.score_summaries)
+        yield Table.from_rows("tests", ComparisonRow, self.tests)
+        yield Table.from_rows("models", ModelRow, self.models)
+        yield Table.from_rows("biomechanics", BiomechanicsRow, self.biomechanics)
+        yield Table.from_rows("ranges", MeasureRangeRow, self.measure_ranges)
+        yield Table.from_rows("people", SampledPersonRow, self.training_people)
         if self.site_outcomes:
-            yield Table.of("site_outcomes", SiteOutcomeRow, self.site_outcomes)
-            yield Table.of("site_effects", SiteEffectRow, self.site_effects)
-        yield Table.of("latency", LatencyRow, self.latency)
-        if self.headsets:
-            yield Table.of("headset_checks", HeadsetRow, self.headsets)
-        yield control_steps(seen.series, {row.participant: row for row in seen.participants}, self.design)
+            yield Table.from_rows("site_outcomes", SiteOutcomeRow, self.site_outcomes)
+            yield Table.from_rows("site_effects", SiteEffectRow, self.site_effects)
+        yield Table.from_rows("latency", LatencyRow, self.latency_summaries)
+        if self.headset_checks:
+            yield Table.from_rows("headset_checks", HeadsetRow, self.headset_checks)
+        yield control_steps_table(
+            seen.trial_series, {row.participant: row for row in seen.participants}, self.design
+        )
 
     def results(self) -> dict[str, Any]:
         """Returns the contents of ``results.json``: all results, without control steps and sampled people."""
         return {
-            "format": FORMAT,
+            "format": RESULTS_FORMAT,
             "title": self.design.title,
             "versions": msgspec.to_builtins(versions()),
             "questionnaires": msgspec.to_builtins(self.design.questionnaires),
             "settings": {
                 "people_per_task": PEOPLE_PER_TASK,
-                "seed": TRAINING_PEOPLE_SEED,
-                "permutations": PERMUTATIONS,
+                "seed": TRAINING_POPULATION_SEED,
+                "permutations": PERMUTATION_COUNT,
                 "exact_signed_rank": MAX_EXACT_SIGNED_RANK,
                 "exact_rank_sum": MAX_EXACT_RANK_SUM,
             },
             "differences": [
                 {"where": each.where, "message": each.message, "is_error": each.is_error}
-                for each in self.differences
+                for each in self.design_differences
             ],
-            **({"plan": plan_results(self.plan)} if self.plan else {}),
+            **({"plan": plan_results(self.frozen_plan)} if self.frozen_plan else {}),
             **({"database_rebuilt_at": self.rebuilt_at} if self.rebuilt_at else {}),
-            "log": asdict(self.log),
-            **({"losses": list(self.losses)} if self.losses else {}),
+            "log": asdict(self.access_log),
+            **({"losses": list(self.data_losses)} if self.data_losses else {}),
             "repeat_findings": self.repeat_findings,
             **{table.name: list(table.rows) for table in self.tables() if table.name not in CSV_ONLY_TABLES},
         }
 
 
-def analyse(
+def analyse_study(
     store: Store,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
     skip_damaged: bool = False,
-) -> Analysis:
-    """Returns the analysis of a study in its current state. Arguments and errors are those of ``read_study``."""
+) -> StudyAnalysis:
+    """Returns the analysis of a study in its current state. Arguments and errors are those of ``read_study_data``."""
     answered_items = AnsweredItems(store)
     design = answered_items.design
-    observed = read_study(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)
+    observed = read_study_data(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)
     differences = list(check_design(store))
-    observed.problems.extend(_problem(each, FROM_CURRENT_FILES) for each in check_stored_designs(store))
+    observed.problems.extend(_problem(each, CURRENT_FILES_TEXT) for each in check_stored_designs(store))
     people = sample_training_people(design)
     groups = body_trials_by_group(observed.trials)
     given = design, observed.answers
     plan = read_frozen_plan(store, design, observed)
-    confirmed = plan.confirmed if plan else None
+    confirmed = plan.confirmatory_plan if plan else None
     families = [
-        *outcome_families(design, observed.trials),
-        *answer_families(*given),
-        *session_families(*given),
-        *score_families(design, observed.scores),
-        *biomechanics_families(groups, people),
+        *outcome_test_families(design, observed.trials),
+        *answer_test_families(*given),
+        *session_test_families(*given),
+        *score_test_families(design, observed.scores),
+        *biomechanics_test_families(groups, people),
     ]
-    families = label_by_plan(families, confirmed, design) if confirmed else families
-    found = assign_roles(families, model_rows(design, observed, confirmed), confirmed)
-    return Analysis(
+    families = add_plan_status(families, confirmed, design) if confirmed else families
+    found = assign_result_roles(families, model_rows(design, observed, confirmed), confirmed)
+    return StudyAnalysis(
         design=design,
-        plan=plan,
-        differences=differences,
-        session_designs=recorded_designs(store),
-        items=item_rows(store, answered_items),
-        observed=observed,
+        frozen_plan=plan,
+        design_differences=differences,
+        session_designs=designs_from_recordings(store),
+        item_versions=item_version_rows(store, answered_items),
+        study_data=observed,
         flows=participant_flows(store, observed),
-        headsets=headset_rows(store),
+        headset_checks=headset_rows(store),
         sessions=session_rows(store, observed.participants),
-        groups=groups,
-        people=people,
-        objective=objective_rows(store, observed.trials),
-        subjective=subjective_rows(*given),
+        body_trials=groups,
+        training_people=people,
+        objective_outcomes=objective_rows(store, observed.trials),
+        answer_summaries=answer_summary_rows(*given),
         session_answers=session_answer_rows(*given),
-        likert=likert_rows(*given) + session_likert_rows(*given),
+        answer_frequencies=likert_rows(*given) + session_likert_rows(*given),
         families=found.families,
-        models=found.models,
+        models=found.model_rows,
         score_summaries=score_summary_rows(design, observed.scores),
         biomechanics=biomechanics_rows(groups, people),
-        ranges=range_rows(groups),
+        measure_ranges=measure_range_rows(groups),
         site_outcomes=site_outcome_rows(design, observed.trials),
         site_effects=site_effect_rows(design, observed.trials, observed.answers, observed.scores),
-        latency=latency_rows(observed.trials, observed.latencies),
+        latency_summaries=latency_rows(observed.trials, observed.latencies_by_trial),
         rebuilt_at=store.rebuilt_at(),
-        log=study_log(store),
+        access_log=summarise_access_log(store),
         adverse_events=[
             vars(row) for row in adverse_event_rows(store, store.participants(), DEFAULT_EXPORT_OPTIONS)
         ],
         functioning=[vars(row) for row in functioning_counts(store)] if store.design.ask_functioning else [],
-        losses=describe_data_loss(store),
+        data_losses=describe_data_loss(store),
         repeats=repeat_rows(attempted_trials(store)),
         repeat_findings=[f"{each.where}: {each.message}" for each in check_repeats(store)],
-        repeats_of_simulated=is_simulated(store),
+        repeats_of_simulated=is_simulated_study(store),
     )
 
 
-def _problem(found: Finding, consequence: str) -> ProblemRow:
-    return ProblemRow(simulated=None, where=found.where, what=found.message, consequence=consequence)
+def _problem(found: Finding, consequence: str) -> DataProblemRow:
+    return DataProblemRow(simulated=None, where=found.where, what=found.message, consequence=consequence)

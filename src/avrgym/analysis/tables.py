@@ -24,7 +24,7 @@ class Table:
     rows: Iterable[Mapping[str, Any]]
 
     @classmethod
-    def of(cls, name: str, kind: type, rows: Iterable[object]) -> "Table":
+    def from_rows(cls, name: str, kind: type, rows: Iterable[object]) -> "Table":
         """Returns a table from ``rows``, which are instances of the dataclass ``kind``."""
         return cls(name, columns_of(kind), [vars(row) for row in rows])
 
@@ -39,12 +39,15 @@ class Table:
             writer.writerows([escape_formula(row[column]) for column in self.columns] for row in self.rows)
 
 
-def control_steps(
+def control_steps_table(
     series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
     """Returns the table of all control steps, with unweighted reward terms. Terms of other tasks are empty."""
     recorded = {
-        f"term_{term}" for each in series.values() for step in each.steps for term in step.reward_terms
+        f"term_{term}"
+        for each in series.values()
+        for step in each.control_steps
+        for term in step.reward_terms
     }
     labels = ("participant", "site", "simulated", "position")
     metrics = ("step", "time_s", "reward", "success", "distance_m", "force_on_person_n")
@@ -62,7 +65,7 @@ def _steps(
     terms: Sequence[str],
 ) -> Iterator[Mapping[str, Any]]:
     for (participant, position), trial in series.items():
-        for time_s, step in zip(trial.times_s, trial.steps, strict=True):
+        for time_s, step in zip(trial.times_s, trial.control_steps, strict=True):
             yield {
                 "participant": participant,
                 "site": participants[participant].site,

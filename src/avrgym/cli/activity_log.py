@@ -4,13 +4,13 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from avrgym.cli.terminal import warn
+from avrgym.cli.terminal import print_warning
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 
-def log(
+def log_command(
     store: "Store",
     name: str,
     participant: str | None = None,
@@ -19,12 +19,12 @@ def log(
     shows_results: bool = False,
 ) -> None:
     """Add an entry for a command to the audit log. If the study is read-only, print a warning instead."""
-    from avrgym.study.storage.audit_log import account_actor, add_entry
+    from avrgym.study.storage.audit_log import add_log_entry, process_user
 
     if store.database.read_only:
-        warn(f"{store.folder} is read-only: its audit log does not contain this command")
+        print_warning(f"{store.folder} is read-only: its audit log does not contain this command")
     else:
-        add_entry(store, account_actor(), name, participant, detail, shows_results=shows_results)
+        add_log_entry(store, process_user(), name, participant, detail, shows_results=shows_results)
 
 
 @contextmanager
@@ -32,9 +32,9 @@ def log_start_and_end(store: "Store", begins: str, ends: str) -> Generator[None]
     """Context manager: add the entry ``begins`` at the start of a long command, and ``ends`` at its end."""
     from avrgym.study.storage.states import StudyError
 
-    log(store, begins)
+    log_command(store, begins)
     try:
         yield
     finally:
         with suppress(StudyError):  # a busy database must not prevent the end of the program
-            log(store, ends)
+            log_command(store, ends)

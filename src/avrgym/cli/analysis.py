@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log
+from avrgym.cli.activity_log import log_command
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import JsonFile, check_json, print_line, report_errors, write_json
-from avrgym.study.storage.analysis_files import FOLDER
+from avrgym.cli.terminal import JsonFileOption, check_json_file, print_line, report_errors, write_json
+from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER
 
 
 def analyze(
@@ -20,26 +20,26 @@ def analyze(
         bool,
         typer.Option("--skip-damaged", help="Ignore damaged recordings; the report lists them."),
     ] = False,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Analyse a study: report, tables, figures and results.
 
     The analysis replaces an earlier one in the same folder.
     """
     from avrgym.analysis.output import check_output_folder, write_analysis
-    from avrgym.analysis.study import analyse
+    from avrgym.analysis.study import analyse_study
     from avrgym.study.storage.store import Store
 
-    place = out or folder / FOLDER
+    place = out or folder / ANALYSIS_FOLDER
     with report_errors(), Store(folder) as store:
-        check_json(json_file)
+        check_json_file(json_file)
         check_output_folder(place)
         with progress_bar("reading recordings", unit="recordings") as bar:
-            analysis = analyse(store, bar.show, skip_damaged=skip_damaged)
-        log(store, "analyze", shows_results=True)
+            analysis = analyse_study(store, bar.update, skip_damaged=skip_damaged)
+        log_command(store, "analyze", shows_results=True)
         with progress_bar("writing tables, figures and report"):
             report = write_analysis(analysis, folder, place)
         write_json(json_file, analysis.results())
     print_line(f"report    {report}")
-    if problems := len(analysis.observed.problems) + len(analysis.differences):
+    if problems := len(analysis.study_data.problems) + len(analysis.design_differences):
         print_line(f"problems: {problems}; the report lists each")

@@ -7,11 +7,11 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.options import Engine, select_environments
-from avrgym.cli.progress import duration, progress_bar
+from avrgym.cli.options import EngineOption, select_environments
+from avrgym.cli.progress import duration_text, progress_bar
 from avrgym.cli.terminal import (
-    JsonFile,
-    check_json,
+    JsonFileOption,
+    check_json_file,
     print_line,
     print_skipped,
     print_table,
@@ -20,9 +20,9 @@ from avrgym.cli.terminal import (
 )
 from avrgym.policies.names import POLICY_CHOICES
 from avrgym.system.engines import THREADS
-from avrgym.tasks.constants import expected_errors
+from avrgym.tasks.constants import skippable_errors
 
-Row = dict[str, Any]
+MetricsRow = dict[str, Any]
 app = typer.Typer(no_args_is_help=True, help="Measure speeds on this computer.")
 
 
@@ -32,18 +32,18 @@ def bench_sim(
         list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
     ] = None,
     num_envs: Annotated[int, typer.Option(help="Number of worlds that are stepped together.", min=1)] = 64,
-    engine: Engine = THREADS,
-    json_file: JsonFile = None,
+    engine: EngineOption = THREADS,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Measure the speed of whole episodes and of their physics alone.
 
     The results are medians of five runs. Use an idle computer.
     """
-    from avrgym.envs.benchmark import RUNS, measure_simulation
+    from avrgym.envs.benchmark import NUM_RUNS, measure_simulation_speed
 
-    def row(environment: str) -> Row:
-        with progress_bar(f"measuring {environment}", RUNS, "runs") as bar:
-            return asdict(measure_simulation(environment, num_envs, bar.advance, engine))
+    def row(environment: str) -> MetricsRow:
+        with progress_bar(f"measuring {environment}", NUM_RUNS, "runs") as bar:
+            return asdict(measure_simulation_speed(environment, num_envs, bar.advance, engine))
 
     with report_errors():
         _tabulate(env, not env, row, json_file)
@@ -54,15 +54,15 @@ def bench_cameras(
     env: Annotated[
         list[str] | None, typer.Option(help="An environment id; repeatable; by default FeedingJaco.")
     ] = None,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Measure images per second of the wrist camera, by kind and size. Use an idle computer."""
-    from avrgym.envs.benchmark import measure_cameras
+    from avrgym.envs.benchmark import measure_camera_speed
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         chosen = select_environments(env or ["avrgym/FeedingJaco-v1"], every=False)
-        rows = [asdict(row) for environment in chosen for row in measure_cameras(environment)]
+        rows = [asdict(row) for environment in chosen for row in measure_camera_speed(environment)]
         print_table(rows)
         write_json(json_file, rows)
 
@@ -81,25 +81,25 @@ def bench_vr(
             help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES}."
         ),
     ] = None,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Measure the live server's ticks and round trips.
 
     The connection is over loopback, and trials are recorded. Use an idle computer.
     """
-    from avrgym.vr.benchmark.live_latency import measure_vr
+    from avrgym.vr.benchmark.live_latency import measure_live_latency
 
-    def row(environment: str) -> Row:
-        print_line(f"measuring {environment} for {duration(seconds)}")
+    def row(environment: str) -> MetricsRow:
+        print_line(f"measuring {environment} for {duration_text(seconds)}")
         with progress_bar(environment):
-            return asdict(measure_vr(environment, seconds, policy))
+            return asdict(measure_live_latency(environment, seconds, policy))
 
     with report_errors():
         rows = _tabulate(env, not env, row, json_file, shown=_brief)
         print_table([stage for each in rows for stage in _stages(each)])
 
 
-def _brief(row: Row) -> Row:
+def _brief(row: MetricsRow) -> MetricsRow:
     """Returns the columns of ``bench vr`` that the terminal shows."""
     p99s = {
         f"{name}\np99, ms": row[key] and row[key]["p99"]
@@ -115,7 +115,7 @@ def _brief(row: Row) -> Row:
     return {"env": row["env"], **p99s, **missed, "stolen, s": row["stolen_s"]}
 
 
-def _stages(row: Row) -> list[Row]:
+def _stages(row: MetricsRow) -> list[MetricsRow]:
     """Returns a row for each stage of the round trip."""
     return [
         {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
@@ -126,22 +126,22 @@ def _stages(row: Row) -> list[Row]:
 def _tabulate(
     environments: list[str] | None,
     every: bool,
-    row: Callable[[str], Row],
+    row: Callable[[str], MetricsRow],
     json_file: Path | None,
-    shown: Callable[[Row], Row] = lambda row: row,
-) -> list[Row]:
+    shown: Callable[[MetricsRow], MetricsRow] = lambda row: row,
+) -> list[MetricsRow]:
     """Measure each environment. Returns a row for each.
 
     Prints the columns ``shown`` as a table, and writes all columns to ``json_file``. If ``every`` is true, environments
     that fail are omitted with a message.
     """
-    check_json(json_file)
-    rows: list[Row] = []
+    check_json_file(json_file)
+    rows: list[MetricsRow] = []
     failed: list[Exception] = []
     for environment in select_environments(environments, every):
         try:
             rows.append(row(environment))
-        except expected_errors(environment) as error:
+        except skippable_errors(environment) as error:
             if not every:
                 raise
             failed.append(error)

@@ -5,13 +5,13 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import Seed
+from avrgym.cli.options import SeedOption
 from avrgym.cli.terminal import print_line, report_errors
 
 
 def demo(
     out: Annotated[Path, typer.Option(help="A folder for recordings, pictures and pages.")] = Path("demo"),
-    seed: Seed = 0,
+    seed: SeedOption = 0,
 ) -> None:
     """Run a simulated session and write a 3D replay of each trial.
 
@@ -26,7 +26,7 @@ def demo(
         print_line(f"recorded  {recording}")
     for page in result.pages:
         print_line(f"page      {page}")
-    if result.without_browser:
+    if result.browser_error:
         print_line("No browser was found, so there are no pictures of the participant's view.")
     else:
         print_line(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")

@@ -4,19 +4,19 @@ from dataclasses import asdict
 
 import typer
 
-from avrgym.cli.terminal import JsonFile, check_json, print_line, report_errors, write_json
+from avrgym.cli.terminal import JsonFileOption, check_json_file, print_line, report_errors, write_json
 
 
-def doctor(json_file: JsonFile = None) -> None:
+def doctor(json_file: JsonFileOption = None) -> None:
     """Check this computer, and show how to fix each problem.
 
     It checks installation, rendering, headset connection and real-time performance. The exit code is 1 if there is an
     error; warnings do not change the exit code.
     """
-    from avrgym.doctor.checks import CHECKS, run_checks
+    from avrgym.doctor.checks import COMPUTER_CHECKS, run_checks
     from avrgym.doctor.finding import Finding
 
-    width = max(len(check.name) for check in CHECKS)
+    width = max(len(check.name) for check in COMPUTER_CHECKS)
 
     def tell(name: str, finding: Finding) -> None:
         print_line(f"{finding.state:8} {name:{width}}  {finding.message}")
@@ -24,7 +24,7 @@ def doctor(json_file: JsonFile = None) -> None:
             print_line(f"{'':8} {'':{width}}  → {finding.fix}")
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         found: list[tuple[str, Finding]] = []
         for name, finding in run_checks():
             tell(name, finding)

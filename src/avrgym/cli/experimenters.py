@@ -4,15 +4,24 @@ from typing import Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log
-from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
-from avrgym.vr.server.addresses import PORT
+from avrgym.cli.activity_log import log_command
+from avrgym.cli.plan import StudyFolderArgument
+from avrgym.cli.terminal import (
+    JsonFileOption,
+    check_json_file,
+    print_line,
+    print_table,
+    report_errors,
+    write_json,
+)
+from avrgym.vr.server.addresses import DEFAULT_PORT
 
-Name = Annotated[str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")]
+ExperimenterNameArgument = Annotated[
+    str, typer.Argument(help="Name of the experimenter: at most 40 letters, digits, - and _.")
+]
 
 
-def add_experimenter(folder: Folder, name: Name) -> None:
+def add_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgument) -> None:
     """Create a personal token for an experimenter.
 
     The audit log then contains the experimenter's name. The token is printed once; the study stores only its checksum.
@@ -23,20 +32,20 @@ def add_experimenter(folder: Folder, name: Name) -> None:
 
     with report_errors(), Store(folder) as store:
         token = add(store, name)
-        log(store, ADD_EXPERIMENTER, detail=name)
+        log_command(store, ADD_EXPERIMENTER, detail=name)
     print_line(f"token     {token} (shown only once)")
     print_line(
-        f"dashboard http://localhost:{PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
+        f"dashboard http://localhost:{DEFAULT_PORT}/dashboard#token={token} while `avrgym serve --study {folder}` runs"
     )
 
 
-def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
+def experimenters(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
     """List experimenters with a personal token."""
     from avrgym.study.people.experimenters import list_experimenters
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             rows: list[dict[str, Any]] = [
                 {"name": each.name, "created_at": each.created_at, "revoked_at": each.revoked_at}
@@ -49,7 +58,7 @@ def experimenters(folder: Folder, json_file: JsonFile = None) -> None:
         print_line(f"no experimenter has a token; `avrgym study add-experimenter {folder} NAME` creates one")
 
 
-def revoke_experimenter(folder: Folder, name: Name) -> None:
+def revoke_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgument) -> None:
     """Revoke the token of an experimenter.
 
     Open pages with this token are closed within seconds.
@@ -60,5 +69,5 @@ def revoke_experimenter(folder: Folder, name: Name) -> None:
 
     with report_errors(), Store(folder) as store:
         revoke(store, name)
-        log(store, REVOKE_EXPERIMENTER, detail=name)
+        log_command(store, REVOKE_EXPERIMENTER, detail=name)
     print_line(f"the token of {name} is revoked")

@@ -6,7 +6,13 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.options import PEOPLE, EpisodeSteps, Impairment, SceneSettings, Seed
+from avrgym.cli.options import (
+    ALLOWED_PEOPLE,
+    EpisodeStepsOption,
+    ImpairmentOption,
+    SeedOption,
+    SettingsOption,
+)
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import print_line, report_errors
 from avrgym.policies.names import POLICY_CHOICES
@@ -26,11 +32,11 @@ def export_policy(
     The file maps observations to mean actions. `--policy OUT.onnx` and any ONNX runtime can use it.
     """
     from avrgym.policies.onnx import write_onnx
-    from avrgym.policies.registry import find
+    from avrgym.policies.registry import resolve_policy
     from avrgym.policies.trained import Policy
 
     with report_errors():
-        found = find(policy, env)
+        found = resolve_policy(policy, env)
         if not isinstance(found, Policy):
             raise ValueError(
                 f"{policy} is not a trained policy; allowed: original, revised or a .safetensors file"
@@ -52,15 +58,15 @@ def export_demonstrations(
         str, typer.Option(help=f"The policy that the simulated operator follows: {POLICY_CHOICES}.")
     ] = "oracle",
     episodes: Annotated[int, typer.Option(help="Number of successful episodes.", min=1)] = 50,
-    people: Annotated[str, typer.Option(help=f"Population of people: {PEOPLE}.")] = "revised",
-    impairment: Impairment = "none",
+    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE}.")] = "revised",
+    impairment: ImpairmentOption = "none",
     camera: Annotated[
         list[str] | None,
         typer.Option(help="Colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"),
     ] = None,
-    settings: SceneSettings = None,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
-    seed: Seed = 0,
+    settings: SettingsOption = None,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
+    seed: SeedOption = 0,
 ) -> None:
     """Write demonstrations of a simulated operator as a LeRobot dataset.
 
@@ -68,8 +74,8 @@ def export_demonstrations(
     """
     from avrgym.learning import demonstrations
     from avrgym.learning.lerobot_dataset import write_dataset
-    from avrgym.models.cameras import as_cameras
-    from avrgym.policies.registry import find
+    from avrgym.models.cameras import parse_cameras
+    from avrgym.policies.registry import resolve_policy
     from avrgym.system.files import write_folder_atomically
     from avrgym.tasks.episodes import Episodes
     from avrgym.tasks.settings import parse_settings
@@ -85,17 +91,17 @@ def export_demonstrations(
             impairment=impairment,
             settings=changes,
         )
-        cameras = as_cameras(camera or [], world.scene.robot)
+        cameras = parse_cameras(camera or [], world.scene.robot)
         totals = demonstrations.DemonstrationTotals(0, 0)
         with progress_bar(f"demonstrating {env}", episodes, "episodes") as bar:
 
             def report(latest: demonstrations.DemonstrationTotals) -> None:
                 nonlocal totals
                 totals = latest
-                bar.show(totals.successes)
+                bar.update(totals.successes)
 
             shown = demonstrations.demonstrate(
-                world, find(policy, env, changes), episodes, episode_steps, seed, cameras, report
+                world, resolve_policy(policy, env, changes), episodes, episode_steps, seed, cameras, report
             )
             about = {
                 "observation": world.observation,
@@ -111,10 +117,10 @@ def export_demonstrations(
 def export_scene(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
     out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
-    people: Annotated[str, typer.Option(help=f"Population of people: {PEOPLE}.")] = "revised",
-    impairment: Impairment = "none",
-    seed: Seed = 0,
-    settings: SceneSettings = None,
+    people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE}.")] = "revised",
+    impairment: ImpairmentOption = "none",
+    seed: SeedOption = 0,
+    settings: SettingsOption = None,
     usd: Annotated[bool, typer.Option("--usd", help="Also write the scene as USD.")] = False,
 ) -> None:
     """Write a scene at the start of an episode for MuJoCo and other programs.
@@ -124,7 +130,15 @@ def export_scene(
     """
     import numpy as np
 
-    from avrgym.envs.scene_files import MJB, MJCF, START, USD, check_new_folder, write_scene, write_usd
+    from avrgym.envs.scene_files import (
+        MJB_FILE,
+        MJCF_FILE,
+        START_FILE,
+        USD_FILE,
+        check_new_folder,
+        write_scene,
+        write_usd,
+    )
     from avrgym.system import random_streams
     from avrgym.tasks.episodes import Episodes
     from avrgym.tasks.settings import parse_settings
@@ -143,9 +157,9 @@ def export_scene(
         )
         episodes.reset(np.array([0]), [random_streams.episode_generator(seed)])
         write_scene(episodes, out)
-        print_line(f"MJB       {out / MJB}: the physics model, without appearance")
-        print_line(f"MJCF      {out / MJCF}: with appearance; the person's body is stiffer")
-        print_line(f"start     {out / START}")
+        print_line(f"MJB       {out / MJB_FILE}: the physics model, without appearance")
+        print_line(f"MJCF      {out / MJCF_FILE}: with appearance; the person's body is stiffer")
+        print_line(f"start     {out / START_FILE}")
         if usd:
-            write_usd(episodes, out / USD)
-            print_line(f"USD       {out / USD}: appearance at the start")
+            write_usd(episodes, out / USD_FILE)
+            print_line(f"USD       {out / USD_FILE}: appearance at the start")

@@ -6,9 +6,9 @@ from typing import Annotated
 import typer
 
 from avrgym.cli.activity_log import log_start_and_end
-from avrgym.cli.names import unlock
+from avrgym.cli.names import unlock_identity_file
 from avrgym.cli.terminal import print_line, report_errors
-from avrgym.vr.server.addresses import LOOPBACK, PORT
+from avrgym.vr.server.addresses import DEFAULT_PORT, LOOPBACK_HOSTS
 
 
 def host(
@@ -19,7 +19,7 @@ def host(
     ] = "",
     port: Annotated[
         int, typer.Option(help="The port for participants; 0 chooses a free one.", min=0, max=65535)
-    ] = PORT,
+    ] = DEFAULT_PORT,
     experimenter_port: Annotated[
         int,
         typer.Option(
@@ -27,8 +27,10 @@ def host(
             min=0,
             max=65535,
         ),
-    ] = PORT + 1,
-    listen: Annotated[str, typer.Option(help="The address to listen on; with --proxy any.")] = LOOPBACK[0],
+    ] = DEFAULT_PORT + 1,
+    listen: Annotated[str, typer.Option(help="The address to listen on; with --proxy any.")] = LOOPBACK_HOSTS[
+        0
+    ],
     proxy: Annotated[
         list[str] | None,
         typer.Option(
@@ -50,7 +52,7 @@ def host(
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        unlock(study)
+        unlock_identity_file(study)
         with (
             Store(study) as store,
             log_start_and_end(store, "start host", "stop host"),

@@ -9,13 +9,20 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log
-from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
+from avrgym.cli.activity_log import log_command
+from avrgym.cli.plan import StudyFolderArgument
+from avrgym.cli.terminal import (
+    JsonFileOption,
+    check_json_file,
+    print_line,
+    print_table,
+    report_errors,
+    write_json,
+)
 
 
 def invite(
-    folder: Folder,
+    folder: StudyFolderArgument,
     address: Annotated[str, typer.Option(help="The public address of the study, such as https://study.org.")],
     out: Annotated[Path, typer.Option(help="Write the links to this new CSV file.", metavar="CSV")],
     number: Annotated[int, typer.Option(help="Number of invitations.", min=1, max=100_000)] = 1,
@@ -38,7 +45,7 @@ def invite(
     from avrgym.hosting.addresses import check_address, invitation_link
     from avrgym.study.people.invitations import create_invitations
     from avrgym.study.storage.store import Store
-    from avrgym.system.files import write_new
+    from avrgym.system.files import write_private_file
 
     with report_errors(), Store(folder) as store:
         base = check_address(address)
@@ -46,34 +53,34 @@ def invite(
         if out.exists():
             raise FileExistsError(EEXIST, "file exists", str(out))
         created = create_invitations(store, wanted, days=days, places=places)
-        log(store, "create invitations", detail=f"{len(created)} with {places} places")
+        log_command(store, "create invitations", detail=f"{len(created)} with {places} places")
         table = StringIO()
         rows = csv.writer(table, lineterminator="\n")
         rows.writerow(["id", "label", "link", "expires_at", "places"])
         for each in created:
             link = invitation_link(base, each.token)
             rows.writerow([each.id, each.label, link, each.expires_at, each.places])
-        write_new(out, table.getvalue())
+        write_private_file(out, table.getvalue())
     print_line(f"links     {out} ({len(created)}, valid until {created[0].expires_at[:16]} UTC)")
 
 
 def invitations(
-    folder: Folder,
+    folder: StudyFolderArgument,
     close: Annotated[
         int | None, typer.Option(help="Close the invitation with this id.", metavar="ID")
     ] = None,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """List the invitations with the number of participants who used them."""
     from avrgym.study.people.invitations import close_invitation, list_invitations
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             if close is not None:
                 close_invitation(store, close)
-                log(store, "close invitation", detail=str(close))
+                log_command(store, "close invitation", detail=str(close))
             rows = [asdict(each) for each in list_invitations(store)]
         write_json(json_file, rows)
     if rows:

@@ -11,30 +11,30 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.options import (
-    PEOPLE,
-    AllowOtherSettings,
+    ALLOWED_PEOPLE,
+    AllowOtherSettingsOption,
     Cluster,
-    Engine,
-    EpisodeSteps,
-    ForceGuard,
-    Impairment,
-    SceneSettings,
-    Seed,
-    WithdrawAfterSuccess,
+    EngineOption,
+    EpisodeStepsOption,
+    ForceGuardOption,
+    ImpairmentOption,
+    SeedOption,
+    SettingsOption,
+    WithdrawAfterSuccessOption,
     cluster_connection,
     select_environments,
 )
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
-    Jobs,
-    JsonFile,
-    check_json,
+    JobsOption,
+    JsonFileOption,
+    check_json_file,
     print_line,
-    print_regions,
+    print_region_forces,
     print_skipped,
     print_table,
+    print_warning,
     report_errors,
-    warn,
     write_json,
 )
 from avrgym.people.population_names import POPULATION_NAMES
@@ -57,10 +57,10 @@ OMITTED_METRICS = (
     "starts_refused",
 )
 """Metrics of `evaluate` that the printed table omits."""
-ADAPTIVE, PAPER, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual")
+ADAPTIVE, PAPER_HYPERPARAMETERS, PAIR, VISUAL = RECIPES = ("adaptive", "paper", "pair", "visual")
 OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
     ADAPTIVE: ("--config", "--people", "--impairment", "--cluster", "--engine"),
-    PAPER: ("--config",),
+    PAPER_HYPERPARAMETERS: ("--config",),
     VISUAL: (
         "--config",
         "--people",
@@ -79,7 +79,7 @@ RECIPE_OF_OPTION = {
     "--own-reward": PAIR,
 }
 """The recipe of each option that only one recipe accepts."""
-NEW_TRAINING_OPTIONS = (
+NEW_RUN_OPTIONS = (
     "--config",
     "--num-envs",
     "--force-guard",
@@ -91,9 +91,9 @@ NEW_TRAINING_OPTIONS = (
 """Options of a new training run. ``--resume`` rejects them, because they cannot change during a run."""
 
 
-def envs(json_file: JsonFile = None) -> None:
+def envs(json_file: JsonFileOption = None) -> None:
     """List the environments."""
-    from avrgym.policies.registry import skipped_plugins
+    from avrgym.policies.registry import skipped_plugin_errors
     from avrgym.policies.trained import packaged_policies
     from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
 
@@ -108,7 +108,7 @@ def envs(json_file: JsonFile = None) -> None:
         for environment, (task, robot) in ENVIRONMENTS.items()
     ]
     print_table(rows)
-    for reason in skipped_plugins():
+    for reason in skipped_plugin_errors():
         print_line(f"skipped {reason}")
     with report_errors():
         write_json(json_file, rows)
@@ -116,8 +116,8 @@ def envs(json_file: JsonFile = None) -> None:
 
 def train(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    people: Annotated[str, typer.Option(help=f"People to train with: {PEOPLE}.")] = "original",
-    impairment: Impairment = "none",
+    people: Annotated[str, typer.Option(help=f"People to train with: {ALLOWED_PEOPLE}.")] = "original",
+    impairment: ImpairmentOption = "none",
     steps: Annotated[
         int | None,
         typer.Option(
@@ -182,16 +182,16 @@ def train(
             "--own-reward", help="With --recipe pair: each agent's reward has its own action penalty only."
         ),
     ] = False,
-    force_guard: ForceGuard = False,
-    withdraw_after_success: WithdrawAfterSuccess = False,
-    settings: SceneSettings = None,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
+    force_guard: ForceGuardOption = False,
+    withdraw_after_success: WithdrawAfterSuccessOption = False,
+    settings: SettingsOption = None,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
     help_config: Annotated[
         bool,
         typer.Option("--help-config", help="Print the environment's hyperparameters, and exit."),
     ] = False,
-    seed: Seed = 0,
-    engine: Engine = THREADS,
+    seed: SeedOption = 0,
+    engine: EngineOption = THREADS,
     num_envs: Annotated[
         int | None,
         typer.Option(
@@ -212,8 +212,8 @@ def train(
     The command needs the extra `train`.
     """
     from avrgym.learning.hyperparameter_files import hyperparameters_text
-    from avrgym.people.populations import HUMAN_FILE
-    from avrgym.simulation.engines.engine import check_engine
+    from avrgym.people.populations import HUMAN_POLICY_FILE
+    from avrgym.simulation.engines.engine import check_engine_name
     from avrgym.tasks.registry import find_environment
     from avrgym.tasks.settings import parse_settings
 
@@ -241,7 +241,7 @@ def train(
             "--jobs": jobs is not None,
         }
         _check_together(recipe, [name for name, is_given in given.items() if is_given], resume=resume)
-        check_engine(engine)
+        check_engine_name(engine)
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed, guarded=force_guard)
         training = _training()
         if resume:
@@ -275,8 +275,8 @@ def train(
             else:
                 training.train(configuration, folder, report, cluster=workers)
     print_line(f"policy    {folder / training.POLICY_FILE}")
-    if recipe == PAIR or (folder / HUMAN_FILE).exists():
-        print_line(f"human     {folder / HUMAN_FILE}")
+    if recipe == PAIR or (folder / HUMAN_POLICY_FILE).exists():
+        print_line(f"human     {folder / HUMAN_POLICY_FILE}")
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
@@ -289,7 +289,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
     for name in given:
         if name in RECIPE_OF_OPTION and recipe != RECIPE_OF_OPTION[name]:
             raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
-        if resume and name in NEW_TRAINING_OPTIONS:
+        if resume and name in NEW_RUN_OPTIONS:
             raise ValueError(
                 f"--resume does not accept {name}: the configuration of a training run cannot change"
             )
@@ -302,14 +302,14 @@ def _configuration(
 ) -> "AnyConfiguration":
     """Returns the configuration of a new training run. For an option that is ``None``, the recipe's default is used."""
     from avrgym.learning.configuration import (
-        Pairing,
+        JointTrainingSettings,
         RecurrentConfiguration,
         VisualConfiguration,
         configuration_for,
     )
     from avrgym.learning.hyperparameter_files import read_hyperparameters
-    from avrgym.learning.hyperparameters import PAPER as OF_PAPER
-    from avrgym.learning.hyperparameters import PAPER_STEPS, TRAINING_STEPS
+    from avrgym.learning.hyperparameters import DEFAULT_TRAINING_STEPS, PAPER_STEPS
+    from avrgym.learning.hyperparameters import PAPER_HYPERPARAMETERS as OF_PAPER
 
     common = ("steps", "num_envs", "force_guard", "withdraw_after_success", "settings", "episode_steps")
     names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
@@ -318,13 +318,15 @@ def _configuration(
         return RecurrentConfiguration(environment=env, seed=seed, **given)
     if recipe == VISUAL:
         return VisualConfiguration(environment=env, seed=seed, **given)
-    hyperparameters = OF_PAPER if recipe == PAPER else None
+    hyperparameters = OF_PAPER if recipe == PAPER_HYPERPARAMETERS else None
     if config is not None:
         hyperparameters = read_hyperparameters(config, env)
     pairing = None
     if recipe == PAIR:
-        pairing = Pairing(alternate=options["alternate"], shared_reward=not options["own_reward"])
-    steps = PAPER_STEPS if recipe == PAPER else TRAINING_STEPS
+        pairing = JointTrainingSettings(
+            alternate=options["alternate"], shared_reward=not options["own_reward"]
+        )
+    steps = PAPER_STEPS if recipe == PAPER_HYPERPARAMETERS else DEFAULT_TRAINING_STEPS
     configuration = configuration_for(
         env,
         options["people"],
@@ -355,7 +357,7 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
         None: True,
         ADAPTIVE: recurrent,
         VISUAL: visual,
-        PAPER: not recurrent and not visual,
+        PAPER_HYPERPARAMETERS: not recurrent and not visual,
         PAIR: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
@@ -370,17 +372,19 @@ def _training() -> ModuleType:
 
 
 @contextmanager
-def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Generator[training.Report]":
+def _progress(
+    env: str, steps: int, folder: Path, recipe: str | None
+) -> "Generator[training.TrainingReporter]":
     """Context manager: show a progress bar. Yields the function that updates the bar during training."""
-    from avrgym.learning.training import LOG_FOLDER
+    from avrgym.learning.training import TENSORBOARD_FOLDER
 
-    log = folder / LOG_FOLDER
+    log = folder / TENSORBOARD_FOLDER
     with_recipe = f" --recipe {recipe}" if recipe in (ADAPTIVE, VISUAL) else ""
     again = f"avrgym train {env}{with_recipe} --resume --out {shlex.quote(str(folder))}"
     log_is_shown = False
     with progress_bar(env, steps, "steps", stopped=f"`{again}` continues it") as bar:
 
-        def report(progress: "training.Progress") -> None:
+        def report(progress: "training.TrainingProgress") -> None:
             nonlocal log_is_shown
             if log.exists() and not log_is_shown:
                 print_line(f"log       {log}; `tensorboard --logdir {shlex.quote(str(log))}` shows it")
@@ -388,7 +392,7 @@ def _progress(env: str, steps: int, folder: Path, recipe: str | None) -> "Genera
             results = ""
             if progress.reward_mean is not None:
                 results = f"  reward {progress.reward_mean:.1f}  success {100 * (progress.success_rate or 0.0):.1f} %"
-            bar.show(progress.steps, label=f"{env}  {progress.stage}{results}")
+            bar.update(progress.steps, label=f"{env}  {progress.stage}{results}")
 
         yield report
 
@@ -412,13 +416,13 @@ def fit_people(
 
     The command writes a people file. Use it with `--people FILE` in `train`, `evaluate` and `view`.
     """
-    from avrgym.analysis.fit_people import fit_people, write_people
+    from avrgym.analysis.fit_people import fit_people, write_people_file
 
     with report_errors():
         with progress_bar("reading recordings", unit="recordings") as bar:
-            fit = fit_people(study, bar.show)
-        write_people(fit, out)
-    for recording in fit.left_out:
+            fit = fit_people(study, bar.update)
+        write_people_file(fit, out)
+    for recording in fit.omitted_recordings:
         print_line(f"left out  {recording}")
     print_line(fit.remarks)
     print_line(f"people    {out}")
@@ -437,9 +441,9 @@ def evaluate(
     ] = None,
     people: Annotated[
         list[str] | None,
-        typer.Option(help=f"The people in the episodes, by default revised: {PEOPLE}. Repeatable."),
+        typer.Option(help=f"The people in the episodes, by default revised: {ALLOWED_PEOPLE}. Repeatable."),
     ] = None,
-    impairment: Impairment = "none",
+    impairment: ImpairmentOption = "none",
     cross_play: Annotated[
         bool,
         typer.Option(
@@ -449,7 +453,7 @@ def evaluate(
         ),
     ] = False,
     episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
-    seed: Seed = 0,
+    seed: SeedOption = 0,
     split: Annotated[
         str,
         typer.Option(
@@ -457,7 +461,7 @@ def evaluate(
             "checkpoints."
         ),
     ] = "test",
-    jobs: Jobs = None,
+    jobs: JobsOption = None,
     cluster: Cluster = None,
     allow_other_environment: Annotated[
         bool,
@@ -465,16 +469,16 @@ def evaluate(
             "--allow-other-environment", help="Allow a policy that was trained for another environment."
         ),
     ] = False,
-    force_guard: ForceGuard = False,
-    withdraw_after_success: WithdrawAfterSuccess = False,
-    settings: SceneSettings = None,
-    allow_other_settings: AllowOtherSettings = False,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
-    engine: Engine = THREADS,
+    force_guard: ForceGuardOption = False,
+    withdraw_after_success: WithdrawAfterSuccessOption = False,
+    settings: SettingsOption = None,
+    allow_other_settings: AllowOtherSettingsOption = False,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
+    engine: EngineOption = THREADS,
     regions: Annotated[
         bool, typer.Option("--regions", help="Also show the contact forces by body region.")
     ] = False,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Evaluate policies by reward, success and force.
 
@@ -482,12 +486,12 @@ def evaluate(
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import success_table
-    from avrgym.system.random_streams import split_of
+    from avrgym.system.random_streams import parse_split
     from avrgym.tasks.placement_check import describe_excess_draws
     from avrgym.tasks.settings import parse_settings
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         chosen = select_environments(env, all_environments)
         policies = policy or (["original", "revised"] if cross_play else ["revised"])
         groups = people or ([*POPULATION_NAMES] if cross_play else ["revised"])
@@ -504,7 +508,7 @@ def evaluate(
                 seed,
                 bar.advance,
                 impairment=impairment,
-                split=split_of(split),
+                split=parse_split(split),
                 jobs=jobs,
                 cluster=workers,
                 allow_other_environment=allow_other_environment,
@@ -522,16 +526,18 @@ def evaluate(
         else:
             print_table([{name: row[name] for name in row if name not in OMITTED_METRICS} for row in rows])
         if regions:
-            print_regions({_title(row): row["force_regions"] for row in rows})
+            print_region_forces({_title(row): row["force_regions"] for row in rows})
         write_json(json_file, rows)
         for row in rows:
             for difference in row["plugin_differences"]:
-                warn(f"{_title(row)}: differs from the policy's training: {difference}")
+                print_warning(f"{_title(row)}: differs from the policy's training: {difference}")
             if row["trained_with_force_guard"] and not force_guard:
-                warn(f"{_title(row)}: was trained with the force guard; evaluate it with --force-guard")
+                print_warning(
+                    f"{_title(row)}: was trained with the force guard; evaluate it with --force-guard"
+                )
             crowded = describe_excess_draws(row["start_draws_mean"], row["start_draws_max"])
             if crowded:
-                warn(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")
+                print_warning(f"{_title(row)}: {crowded}; {row['starts_refused']} people were omitted")
 
 
 def _title(row: dict[str, Any]) -> str:

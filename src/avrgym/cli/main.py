@@ -8,7 +8,7 @@ from avrgym.cli.export import app as export_commands
 from avrgym.cli.host import host
 from avrgym.cli.learning import envs, evaluate, fit_people, train
 from avrgym.cli.new import app as new_commands
-from avrgym.cli.program import Commands, Program
+from avrgym.cli.program import CommandGroup, Program
 from avrgym.cli.replay import replay
 from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
@@ -17,7 +17,7 @@ from avrgym.cli.terminal import report_errors
 from avrgym.system.mujoco_setup import check_rendering_backend
 
 app = Program(
-    cls=Commands,
+    cls=CommandGroup,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -27,7 +27,7 @@ app = Program(
 
 
 @app.callback()
-def begin() -> None:
+def prepare_command() -> None:
     """Check the rendering backend before every command."""
     with report_errors():
         check_rendering_backend()

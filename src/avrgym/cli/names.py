@@ -7,22 +7,22 @@ from typing import Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log
-from avrgym.cli.plan import Folder
+from avrgym.cli.activity_log import log_command
+from avrgym.cli.plan import StudyFolderArgument
 from avrgym.cli.terminal import print_line, print_table, report_errors
 
-KEY_ADVICE = "Store a copy of it outside the study: without it the names are lost, but no other data."
+KEY_BACKUP_ADVICE = "Store a copy of it outside the study: without it the names are lost, but no other data."
 
 
-def names(folder: Folder) -> None:
+def names(folder: StudyFolderArgument) -> None:
     """Show names and contacts of the participants."""
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
-        unlock(folder)
+        unlock_identity_file(folder)
         known = identity_file.read_identities(store.folder)
-        log(store, "read names")
+        log_command(store, "read names")
     if not known:
         print_line("no names are stored")
         return
@@ -35,7 +35,7 @@ def names(folder: Folder) -> None:
 
 
 def encrypt_names(
-    folder: Folder,
+    folder: StudyFolderArgument,
     passphrase: Annotated[
         bool, typer.Option("--passphrase", help="Use a passphrase instead of a key file.")
     ] = False,
@@ -49,10 +49,10 @@ def encrypt_names(
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
-        unlock(folder)
+        unlock_identity_file(folder)
         was_plain = encrypt(store, (lambda: _new_passphrase(folder)) if passphrase else None)
-        log(store, "encrypt names")
-    print_key(folder)
+        log_command(store, "encrypt names")
+    print_name_encryption(folder)
     if was_plain:
         print_line(
             "The unencrypted file is removed. Snapshots, backups and free space of the disk may still contain it: "
@@ -60,7 +60,7 @@ def encrypt_names(
         )
 
 
-def unlock(folder: Path) -> None:
+def unlock_identity_file(folder: Path) -> None:
     """Ask for the passphrase of the identity file, if it is needed and not in the environment.
 
     Without a terminal, the identity file stays locked.
@@ -69,14 +69,14 @@ def unlock(folder: Path) -> None:
 
     lock = identity_file.key_source(folder)
     is_needed = lock is not None and lock.kind == "passphrase"
-    if is_needed and identity_keys.known_passphrase(folder) is None and sys.stdin.isatty():
+    if is_needed and identity_keys.find_passphrase(folder) is None and sys.stdin.isatty():
         question = "Passphrase of the identity file (Enter: do not unlock it)"
         if passphrase := typer.prompt(question, default="", show_default=False, hide_input=True):
             identity_keys.set_passphrase(folder, passphrase)
             identity_file.read_identities(folder)
 
 
-def print_key(folder: Path) -> None:
+def print_name_encryption(folder: Path) -> None:
     """Print the type of encryption of the names, and advice to store a copy of the key."""
     from avrgym.study.storage import identity_file, identity_keys
 
@@ -86,7 +86,7 @@ def print_key(folder: Path) -> None:
     what = (
         "a passphrase" if lock.kind == "passphrase" else f"the key file {identity_keys.key_file_path(lock)}"
     )
-    print_line(f"names     are encrypted with {what}. {KEY_ADVICE}")
+    print_line(f"names     are encrypted with {what}. {KEY_BACKUP_ADVICE}")
 
 
 def _new_passphrase(folder: Path) -> str:
@@ -97,7 +97,7 @@ def _new_passphrase(folder: Path) -> str:
     from avrgym.study.storage import identity_file, identity_keys
 
     lock = identity_file.key_source(folder)
-    if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE)):
+    if (lock is None or lock.kind == "file") and (given := os.environ.get(identity_keys.PASSPHRASE_VARIABLE)):
         return given
     if not sys.stdin.isatty():
         raise RuntimeError("a new passphrase must be entered in a terminal; nothing was changed")

@@ -8,18 +8,20 @@ import typer
 from avrgym.cli.terminal import print_line, report_errors
 
 if TYPE_CHECKING:
-    from avrgym.skeletons.writing import Kind
+    from avrgym.skeletons.writing import PackageKind
 
 app = typer.Typer(no_args_is_help=True, help="Create a package with a task, robot or controller.")
-Name = Annotated[str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")]
-Out = Annotated[
+NameArgument = Annotated[
+    str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")
+]
+OutOption = Annotated[
     Path | None,
     typer.Option(help="A new folder; default: the package's name, in the current folder.", metavar="DIR"),
 ]
 
 
 @app.command()
-def task(name: Name, out: Out = None) -> None:
+def task(name: NameArgument, out: OutOption = None) -> None:
     """Create a package with a task.
 
     It contains a scene, an initial state, an observation, rewards, a success criterion and experts.
@@ -28,7 +30,7 @@ def task(name: Name, out: Out = None) -> None:
 
 
 @app.command()
-def robot(name: Name, out: Out = None) -> None:
+def robot(name: NameArgument, out: OutOption = None) -> None:
     """Create a package with a robot.
 
     It contains a model, an arm, grips and mounts.
@@ -37,7 +39,7 @@ def robot(name: Name, out: Out = None) -> None:
 
 
 @app.command()
-def controller(name: Name, out: Out = None) -> None:
+def controller(name: NameArgument, out: OutOption = None) -> None:
     """Create a package with a controller.
 
     It can be used with --policy.
@@ -45,11 +47,11 @@ def controller(name: Name, out: Out = None) -> None:
     _write("controller", name, out)
 
 
-def _write(kind: "Kind", name: str, out: Path | None) -> None:
-    from avrgym.skeletons.writing import distribution, write_skeleton
+def _write(kind: "PackageKind", name: str, out: Path | None) -> None:
+    from avrgym.skeletons.writing import distribution_name, write_skeleton
 
     with report_errors():
         for path in write_skeleton(kind, name, out):
             print_line(f"written   {path}")
-    folder = out or Path(distribution(name))
+    folder = out or Path(distribution_name(name))
     print_line(f"Next: `pip install -e '{folder}'`, then read {folder / 'README.md'}")

@@ -8,32 +8,32 @@ import typer
 
 from avrgym.people import population_names
 from avrgym.policies.names import POLICY_CHOICES
-from avrgym.system.engines import ENGINES
+from avrgym.system.engines import ENGINE_CHOICES
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster as ConnectedCluster
 
-PEOPLE = population_names.ALLOWED_PEOPLE
-Policy = Annotated[str, typer.Option(help=f"The policy that drives the robot: {POLICY_CHOICES}.")]
-Impairment = Annotated[
+ALLOWED_PEOPLE = population_names.ALLOWED_PEOPLE
+PolicyOption = Annotated[str, typer.Option(help=f"The policy that drives the robot: {POLICY_CHOICES}.")]
+ImpairmentOption = Annotated[
     str,
     typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS}."),
 ]
-Seed = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
-WithdrawAfterSuccess = Annotated[
+SeedOption = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+WithdrawAfterSuccessOption = Annotated[
     bool,
     typer.Option(
         "--withdraw-after-success",
         help="Withdraw the tool after success in tasks that end with success, as in live sessions.",
     ),
 ]
-ForceGuard = Annotated[
+ForceGuardOption = Annotated[
     bool,
     typer.Option(
         "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
     ),
 ]
-SceneSettings = Annotated[
+SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
@@ -41,12 +41,12 @@ SceneSettings = Annotated[
         metavar="NAME=VALUE",
     ),
 ]
-AllowOtherSettings = Annotated[
+AllowOtherSettingsOption = Annotated[
     bool,
     typer.Option("--allow-other-settings", help="Allow a policy that was trained with other settings."),
 ]
-EpisodeSteps = Annotated[int, typer.Option(help="Control steps of an episode.", min=1)]
-Engine = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINES}.")]
+EpisodeStepsOption = Annotated[int, typer.Option(help="Control steps of an episode.", min=1)]
+EngineOption = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINE_CHOICES}.")]
 Cluster = Annotated[
     str | None,
     typer.Option(

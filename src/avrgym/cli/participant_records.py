@@ -7,24 +7,31 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log
-from avrgym.cli.names import unlock
-from avrgym.cli.plan import Folder
-from avrgym.cli.terminal import JsonFile, check_json, print_line, print_table, report_errors, write_json
+from avrgym.cli.activity_log import log_command
+from avrgym.cli.names import unlock_identity_file
+from avrgym.cli.plan import StudyFolderArgument
+from avrgym.cli.terminal import (
+    JsonFileOption,
+    check_json_file,
+    print_line,
+    print_table,
+    report_errors,
+    write_json,
+)
 from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
-from avrgym.commands.respondents import ANSWERING
+from avrgym.commands.respondents import PARTICIPANT_RESPONDENTS
 
 if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
-Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
-REQUIRED_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
+PseudonymArgument = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
+REQUIRED_REPORT_FIELDS = ("description", "severity", "seriousness", "relatedness", "outcome")
 """Required fields of a report. A follow-up copies missing fields from the latest report of the adverse event."""
 
 
 def record_adverse_event(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     description: Annotated[str | None, typer.Option(help="What happened, without names.")] = None,
     severity: Annotated[
         str | None, typer.Option(help="CTCAE: mild, moderate, severe, life-threatening or fatal.")
@@ -65,7 +72,7 @@ def record_adverse_event(
     A follow-up needs only the changed fields. Earlier reports are not changed.
     """
     from avrgym.study.people import adverse_events
-    from avrgym.study.storage.audit_log import account_actor
+    from avrgym.study.storage.audit_log import process_user
     from avrgym.study.storage.store import Store
 
     stated = {
@@ -80,11 +87,11 @@ def record_adverse_event(
     }
     given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
     with report_errors(), Store(folder) as store:
-        report = adverse_events.Report(**_as_known(store, participant, follow_up) | given)
+        report = adverse_events.AdverseEventDetails(**_as_known(store, participant, follow_up) | given)
         number = adverse_events.record_adverse_event(
-            store, participant, report, follows=follow_up, recorded_by=by or account_actor().name
+            store, participant, report, follows=follow_up, recorded_by=by or process_user().name
         )
-        log(store, "record adverse event", participant)
+        log_command(store, "record adverse event", participant)
     if follow_up is None:
         print_line(f"recorded  adverse event {number} of {participant}")
     else:
@@ -96,13 +103,17 @@ def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, 
 
     For a follow-up (``event`` is a number): the fields of the event's latest report. For a new event: the current time.
     """
-    from avrgym.study.people.adverse_events import group_by_event
-    from avrgym.study.storage.schema import now
+    from avrgym.study.people.adverse_events import group_reports_by_event
+    from avrgym.study.storage.schema import utc_timestamp
 
     if event is None:
-        return {"began_at": now(), **dict.fromkeys(REQUIRED_FIELDS, "")}
+        return {"began_at": utc_timestamp(), **dict.fromkeys(REQUIRED_REPORT_FIELDS, "")}
     latest = next(
-        (each.latest for each in group_by_event(store.adverse_events(participant)) if each.number == event),
+        (
+            each.latest_report
+            for each in group_reports_by_event(store.adverse_event_reports(participant))
+            if each.event_number == event
+        ),
         None,
     )
     if latest is None:
@@ -110,17 +121,17 @@ def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, 
             f"{participant} has no adverse event {event}; `avrgym study adverse-events` lists them"
         )
     positions = {each.id: each.position for each in store.trials(participant)}
-    known = {name: getattr(latest, name) for name in (*REQUIRED_FIELDS, "action", "began_at")}
+    known = {name: getattr(latest, name) for name in (*REQUIRED_REPORT_FIELDS, "action", "began_at")}
     return known | {"trial": positions.get(latest.trial or 0)}
 
 
 def adverse_events(
-    folder: Folder,
+    folder: StudyFolderArgument,
     out: Annotated[
         Path | None,
         typer.Option(help="A new folder for all reports as TSV, with descriptions, names and a codebook."),
     ] = None,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """List adverse events and safety events.
 
@@ -128,11 +139,11 @@ def adverse_events(
     forces that sessions recorded.
     """
     from avrgym.study.export.records import ExportOptions, adverse_event_rows, write_adverse_events
-    from avrgym.study.people.adverse_events import SOURCES, safety_events
+    from avrgym.study.people.adverse_events import SCALE_SOURCES, safety_events
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             rows = [
                 vars(row)
@@ -145,7 +156,7 @@ def adverse_events(
             ]
             if out is not None:
                 write_adverse_events(store, out)
-                log(store, "export", detail="adverse events")
+                log_command(store, "export", detail="adverse events")
         write_json(json_file, {"adverse_events": rows, "safety_events": noticed})
     latest = {row["event"]: row for row in rows}
     print_line(f"{len(latest)} adverse events" if latest else "No adverse events were recorded.")
@@ -153,7 +164,7 @@ def adverse_events(
         shown = ("event", "report", "participant", "began_at", "position", "severity", "seriousness")
         more = ("relatedness", "outcome", "description")
         print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
-        print_line(SOURCES)
+        print_line(SCALE_SOURCES)
     if noticed:
         print_line("Safety events that sessions reported; record those that are adverse events:")
         print_table(noticed)
@@ -162,12 +173,12 @@ def adverse_events(
 
 
 def retention(
-    folder: Folder,
+    folder: StudyFolderArgument,
     delete: Annotated[
         bool,
         typer.Option("--delete", help="Delete data that are due. Without this option nothing is deleted."),
     ] = False,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """List data after their retention period, or delete them.
 
@@ -175,26 +186,26 @@ def retention(
     the command with --delete daily by cron or systemd.
     """
     from avrgym.study.people.retention import (
-        DATA_NAMES,
+        DATA_KIND_LABELS,
         delete_due_data,
         describe_due_deletions,
-        schedule,
-        today,
+        scheduled_deletions,
+        today_utc,
     )
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
-            day = today()
+            day = today_utc()
             rows = [
                 {
-                    "data": DATA_NAMES[each.kind],
-                    "due_on": each.due_on.isoformat(),
+                    "data": DATA_KIND_LABELS[each.data_kind],
+                    "due_on": each.due_date.isoformat(),
                     "due": each.is_due(day),
-                    "participants": list(each.participants),
+                    "participants": list(each.pseudonyms),
                 }
-                for each in schedule(store)
+                for each in scheduled_deletions(store)
             ]
             write_json(json_file, rows)
             if rows:
@@ -208,28 +219,28 @@ def retention(
                     print_line(f"due       {words}")
                 return
             for what, pseudonym in delete_due_data(store, day):
-                log(store, "delete by schedule", pseudonym, detail=DATA_NAMES[what])
-                print_line(f"deleted   {DATA_NAMES[what]} of {pseudonym}")
+                log_command(store, "delete by schedule", pseudonym, detail=DATA_KIND_LABELS[what])
+                print_line(f"deleted   {DATA_KIND_LABELS[what]} of {pseudonym}")
 
 
 def participant_data(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     out: Annotated[Path, typer.Option(help="A new archive.", metavar="FILE.zip")],
 ) -> None:
     """Write all data of one participant to an archive.
 
     A participant can request their data. The archive contains an index, recordings, notes and the name.
     """
-    from avrgym.study.export.participant_archive import write_participant_data
-    from avrgym.study.storage.identity_file import named_pseudonyms
+    from avrgym.study.export.participant_archive import write_participant_archive
+    from avrgym.study.storage.identity_file import pseudonyms_with_identity
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
-        unlock(folder)
-        number = write_participant_data(store, participant, out)
-        log(store, "export", participant, detail="data of the participant")
-        is_named, sites = participant in named_pseudonyms(store.folder), store.sites()
+        unlock_identity_file(folder)
+        number = write_participant_archive(store, participant, out)
+        log_command(store, "export", participant, detail="data of the participant")
+        is_named, sites = participant in pseudonyms_with_identity(store.folder), store.sites()
     if is_named:
         print_line(f"{number} files in {out}, with name, contact and free text.")
     else:
@@ -238,23 +249,23 @@ def participant_data(
     print_line("Search notes and descriptions for names of other people before you hand over the archive.")
 
 
-def data_protection(folder: Folder) -> None:
+def data_protection(folder: StudyFolderArgument) -> None:
     """Draft data protection documents.
 
     The documents are an impact assessment and a record of processing (GDPR, Articles 35 and 30). Known entries are
     filled in from the design. Your own entries are never overwritten.
     """
-    from avrgym.study.plan.data_protection import write_data_protection
+    from avrgym.study.plan.data_protection import write_data_protection_drafts
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
-        for path in write_data_protection(store):
+        for path in write_data_protection_drafts(store):
             print_line(f"draft     {path}")
 
 
 def change_input(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     method: Annotated[str | None, typer.Option(help=f"The input method: {', '.join(INPUT_METHODS)}.")] = None,
     dwell: Annotated[
         float | None, typer.Option("--dwell", help="Dwell time of the method head, s: 0.5 to 3.")
@@ -294,7 +305,7 @@ def change_input(
     """
     import msgspec
 
-    from avrgym.recording.input_profile import CONTROLLERS
+    from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE
     from avrgym.study.people.input_profiles import parse_profile, set_input_profile
     from avrgym.study.storage.store import Store
 
@@ -319,7 +330,7 @@ def change_input(
     given: dict[str, Any] = {name: value for name, value in options.items() if value is not None}
     presented = {name: value for name, value in presentation.items() if value is not None}
     with report_errors(), Store(folder) as store:
-        before = store.participant(participant).input_profile or CONTROLLERS
+        before = store.participant(participant).input_profile or DEFAULT_INPUT_PROFILE
         if presented:
             given["presentation"] = msgspec.structs.asdict(before.presentation) | presented
         known = {name: getattr(before, name) for name in before.__struct_fields__}
@@ -328,49 +339,49 @@ def change_input(
         profile = parse_profile(known | given)
         if given:
             set_input_profile(store, participant, profile)
-            log(store, "change input", participant)
+            log_command(store, "change input", participant)
     print_line(f"{participant}  {profile.describe()}")
 
 
-def functioning(folder: Folder, participant: Pseudonym) -> None:
+def functioning(folder: StudyFolderArgument, participant: PseudonymArgument) -> None:
     """Ask about functioning, devices and diagnosis.
 
     The study's design must enable these questions. A participant can decline each question. New answers replace earlier
     answers.
     """
     from avrgym.study.design.functioning import (
-        DEVICES,
+        ASSISTIVE_DEVICES,
         DEVICES_QUESTION,
         DIAGNOSIS_QUESTION,
-        LEVELS,
-        QUESTIONS,
+        DIFFICULTY_LEVELS,
+        FUNCTIONING_QUESTIONS,
     )
-    from avrgym.study.people.functioning import Functioning, record_functioning
+    from avrgym.study.people.functioning import FunctioningAnswers, record_functioning
     from avrgym.study.people.participants import participant_texts
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
         texts = participant_texts(store, store.participant(participant))
         levels: dict[str, str] = {}
-        for question, text in QUESTIONS.items():
+        for question, text in FUNCTIONING_QUESTIONS.items():
             print_line(texts.translate(text))
-            for key, word in LEVELS.items():
+            for key, word in DIFFICULTY_LEVELS.items():
                 print_line(f"  {key}: {texts.translate(word)}")
             levels[question] = typer.prompt(question)
         print_line(texts.translate(DEVICES_QUESTION))
-        for key, word in DEVICES.items():
+        for key, word in ASSISTIVE_DEVICES.items():
             print_line(f"  {key}: {texts.translate(word)}")
         devices = typer.prompt("numbers, separated by commas", default="", show_default=False)
         diagnosis = typer.prompt(texts.translate(DIAGNOSIS_QUESTION), default="", show_default=False)
         named = tuple(each.strip() for each in devices.split(",") if each.strip())
-        record_functioning(store, participant, Functioning(levels, named, diagnosis))
-        log(store, "record functioning", participant)
+        record_functioning(store, participant, FunctioningAnswers(levels, named, diagnosis))
+        log_command(store, "record functioning", participant)
     print_line(f"{participant}: the answers are stored")
 
 
 def preferences(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     change: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a preference, for example speed=0.5.", metavar="NAME=VALUE"),
@@ -392,14 +403,14 @@ def preferences(
         if change:
             own = change_preferences(own, change)
             record_preferences(store, participant, own)
-            log(store, "record preferences", participant)
+            log_command(store, "record preferences", participant)
     print_line(describe_preferences(own, texts.language))
 
 
 def respondent(
-    folder: Folder,
-    participant: Pseudonym,
-    who: Annotated[str, typer.Argument(help=f"{' or '.join(ANSWERING)}.", metavar="WHO")],
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
+    who: Annotated[str, typer.Argument(help=f"{' or '.join(PARTICIPANT_RESPONDENTS)}.", metavar="WHO")],
 ) -> None:
     """Set the respondent of all later questions.
 
@@ -410,13 +421,13 @@ def respondent(
 
     with report_errors(), Store(folder) as store:
         set_respondent(store, participant, who)
-        log(store, "change respondent", participant, detail=who)
+        log_command(store, "change respondent", participant, detail=who)
     print_line(f"{participant}  questions are answered by: {who}")
 
 
 def own_furniture(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     change: Annotated[
         list[str] | None,
         typer.Option("--set", help="Change a dimension, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
@@ -448,5 +459,5 @@ def own_furniture(
         if values:
             own = change_furniture(own, **values)
             record_furniture(store, participant, own)
-            log(store, "measure furniture", participant)
+            log_command(store, "measure furniture", participant)
     print_line(f"{participant}  {', '.join(f'{name} {value:g}' for name, value in asdict(own).items())}")

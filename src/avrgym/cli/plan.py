@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log
+from avrgym.cli.activity_log import log_command
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
-    Jobs,
-    JsonFile,
-    check_json,
+    JobsOption,
+    JsonFileOption,
+    check_json_file,
     print_line,
     print_table,
     report_errors,
@@ -21,16 +21,16 @@ from avrgym.cli.terminal import (
 )
 
 if TYPE_CHECKING:
-    from avrgym.study.checking.finding import ExcludedTrial, Finding
+    from avrgym.study.checking.finding import ExcludedTrialFinding, Finding
     from avrgym.study.storage.store import Store
 
-Folder = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
-EFFECTS = (0.5, 1.0, 1.5)
+StudyFolderArgument = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
+DEFAULT_EFFECTS = (0.5, 1.0, 1.5)
 """Default effect sizes of ``power``, in points of a seven-point scale."""
 
 
 def freeze(
-    folder: Folder,
+    folder: StudyFolderArgument,
     template: Annotated[
         bool, typer.Option("--template", help="Write a template of plan.toml, and do not freeze.")
     ] = False,
@@ -65,7 +65,7 @@ def freeze(
     adopted.
     """
     from avrgym.analysis.plan import available_tests
-    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, adopt_plan, may_adopt
+    from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, adopt_plan, can_adopt_plan
     from avrgym.study.plan.frozen_plan import freeze_plan as freeze_plan
     from avrgym.study.plan.plan import FILE
     from avrgym.study.plan.preregistration import write_preregistration
@@ -76,18 +76,18 @@ def freeze(
             print_line(f"fields    {write_preregistration(store, available_tests(store.design), form)}")
         elif timestamp is not None or registered is not None:
             _store_evidence(store, timestamp, registered, registered_on)
-            log(store, "store evidence of plan")
-        elif may_adopt(store) and not template:
+            log_command(store, "store evidence of plan")
+        elif can_adopt_plan(store) and not template:
             print_line(
                 f"adopted   {store.folder / FROZEN_PLAN_FILE}, frozen at {adopt_plan(store).frozen_at} at another "
                 "station"
             )
-            log(store, "adopt plan")
+            log_command(store, "adopt plan")
         elif template or not (store.folder / FILE).exists():
             print_line(f"plan      {_write_template(store)}: edit it, then freeze it")
         else:
             record = freeze_plan(store, available_tests(store.design))
-            log(store, "freeze plan")
+            log_command(store, "freeze plan")
             print_line(f"frozen    {store.folder / FROZEN_PLAN_FILE} at {record.frozen_at}")
             _print_deposit(store.folder / FROZEN_PLAN_FILE)
 
@@ -120,7 +120,8 @@ def _store_evidence(
         stamp = store_time_stamp(store.folder, timestamp.read_bytes(), record.read_bytes())
         known = "knows" if stamp.is_trusted else "does not know"
         print_line(
-            f"stamped   at {stamp.at.isoformat()} by {stamp.authority}; this computer {known} its root certificate"
+            f"stamped   at {stamp.issued_at.isoformat()} by {stamp.authority}; this computer {known} its root "
+            f"certificate"
         )
     if registered is not None:
         store_registration(store.folder, registered, (registered_on or datetime.now()).date())
@@ -130,10 +131,10 @@ def _store_evidence(
 def _write_template(store: "Store") -> Path:
     from avrgym.analysis.plan import available_tests, suggested_hypotheses
     from avrgym.study.plan.frozen_plan import check_can_freeze
-    from avrgym.study.plan.plan_template import write_template
+    from avrgym.study.plan.plan_template import write_plan_template
 
     check_can_freeze(store)
-    return write_template(
+    return write_plan_template(
         store.folder, store.design, available_tests(store.design), suggested_hypotheses(store.design)
     )
 
@@ -164,23 +165,23 @@ def power(
         int, typer.Option(help="Simulated studies for each effect and number of participants.", min=1)
     ] = 500,
     seed: Annotated[int, typer.Option(help="The same seed gives the same results.", min=0)] = 0,
-    jobs: Jobs = None,
-    json_file: JsonFile = None,
+    jobs: JobsOption = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Simulate the power of the study's tests.
 
     The command simulates several numbers of participants and several effect sizes.
     """
     from avrgym.analysis.power.power import default_participant_numbers, simulate_power
-    from avrgym.analysis.power.simulated_studies import Assumptions
-    from avrgym.analysis.power.summary import power_summary, terminal_rows
+    from avrgym.analysis.power.simulated_studies import PowerAssumptions
+    from avrgym.analysis.power.summary import power_summary, terminal_table_rows
     from avrgym.study.design.design import FILE, read_design
-    from avrgym.system.jobs import cores
+    from avrgym.system.jobs import core_count
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         design = read_design(study / FILE if study.is_dir() else study)
-        assumptions = Assumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
+        assumptions = PowerAssumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
         wanted = (
             tuple(sorted({*sizes, design.participants})) if sizes else default_participant_numbers(design)
         )
@@ -188,22 +189,22 @@ def power(
             rows = simulate_power(
                 design,
                 assumptions,
-                sorted(set(effects or EFFECTS)),
+                sorted(set(effects or DEFAULT_EFFECTS)),
                 wanted,
                 simulations,
                 seed,
-                jobs or cores(),
-                bar.show,
+                jobs or core_count(),
+                bar.update,
             )
         found = power_summary(design, assumptions, rows, seed)
         write_json(json_file, found)
-    print_table(terminal_rows(rows))
+    print_table(terminal_table_rows(rows))
     for sentence in found["words"]:
         print_line(sentence)
 
 
 def frozen_at_and_deviations(
-    store: "Store", left_out: "Sequence[ExcludedTrial]" = ()
+    store: "Store", left_out: "Sequence[ExcludedTrialFinding]" = ()
 ) -> "tuple[str | None, list[Finding]]":
     """Returns the time of the plan's freezing (``None`` without a plan), and the deviations from the plan."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
@@ -216,17 +217,19 @@ def frozen_at_and_deviations(
     from avrgym.study.storage.item_versions import AnsweredItems
 
     design = AnsweredItems(store).design
-    return frozen.at, deviations(store, frozen, required_tests(design), left_out, optional_tests(design))
+    return frozen.known_time_text, deviations(
+        store, frozen, required_tests(design), left_out, optional_tests(design)
+    )
 
 
-def checked(store: "Store") -> "list[Finding]":
+def check_study_and_plan(store: "Store") -> "list[Finding]":
     """Returns the findings of all checks and all deviations from the plan, without duplicates."""
     from avrgym.study.checking.checks import check_study
-    from avrgym.study.checking.finding import ExcludedTrial
+    from avrgym.study.checking.finding import ExcludedTrialFinding
 
     found = check_study(store)
     _, deviating = frozen_at_and_deviations(
-        store, [each for each in found if isinstance(each, ExcludedTrial)]
+        store, [each for each in found if isinstance(each, ExcludedTrialFinding)]
     )
     return [
         *(each for each in found if each not in deviating),
@@ -234,7 +237,7 @@ def checked(store: "Store") -> "list[Finding]":
     ]
 
 
-def quality(folder: Folder, json_file: JsonFile = None) -> None:
+def quality(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
     """Show the quality of answers, and the participants whom the plan's rules exclude.
 
     The rules are [[exclusion.rules]] of the frozen plan.
@@ -244,17 +247,19 @@ def quality(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             frozen = read_frozen_plan(store)
-            rules = () if frozen is None or frozen.record is None else frozen.record.parsed().exclusion.rules
+            rules = (
+                () if frozen is None or frozen.record is None else frozen.record.parsed_plan().exclusion.rules
+            )
             found = violations(store, rules)
             rows: list[dict[str, Any]] = [
                 asdict(answer_quality(store, each.pseudonym))
                 | {"violations": [every.reason for every in found if every.participant == each.pseudonym]}
                 for each in store.participants()
             ]
-            log(store, "view answer quality")
+            log_command(store, "view answer quality")
         write_json(json_file, rows)
     if rows:
         print_table([row | {"violations": "; ".join(row["violations"])} for row in rows])

@@ -19,7 +19,7 @@ _INTERRUPTED = 130
 MAX_SIGNALS = 3
 """The first signal ends the program with clean-up. The second signal is ignored. The third ends the program
 immediately."""
-EXTRAS = {
+EXTRA_BY_COMMAND = {
     "study": "study",
     "analyze": "study",
     "fit-people": "study",
@@ -30,7 +30,7 @@ EXTRAS = {
 """Preferred extras by command. If one of them contains a missing package, its installation is suggested."""
 
 
-class Signals:
+class SignalHandler:
     """Handles signals (Ctrl+C, SIGTERM, SIGHUP). Signals that are ignored at the start (``nohup``) stay ignored.
 
     ``received``: numbers of the received signals in order.
@@ -39,7 +39,7 @@ class Signals:
     def __init__(self) -> None:
         self.received: list[int] = []
 
-    def listen(self) -> None:
+    def install_handlers(self) -> None:
         """Install the handlers: the first signal raises ``KeyboardInterrupt``."""
         for each in STOP_SIGNALS:
             if signal.getsignal(each) is not signal.SIG_IGN:
@@ -58,7 +58,7 @@ class Signals:
             os._exit(self.exit_code)
 
 
-class Commands(TyperGroup):
+class CommandGroup(TyperGroup):
     """A group of commands. If a package is missing, it prints the command that installs the package."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -66,7 +66,7 @@ class Commands(TyperGroup):
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
-            extra = extra_of(error.name or "", preferred=EXTRAS.get(ctx.invoked_subcommand or ""))
+            extra = extra_of(error.name or "", preferred=EXTRA_BY_COMMAND.get(ctx.invoked_subcommand or ""))
             if extra is None:
                 raise
             typer.echo(f"avrgym: {error.name} is missing; run `pip install 'avrgym[{extra}]'`", err=True)
@@ -78,9 +78,9 @@ class Program(typer.Typer):
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         """Run the command. Raises ``SystemExit`` at the end."""
-        signals = Signals()
+        signals = SignalHandler()
         try:
-            signals.listen()
+            signals.install_handlers()
             return super().__call__(*arguments, **options)
         except (KeyboardInterrupt, SystemExit) as end:
             if not signals.received or not _is_broken_off(end):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from avrgym.cli.terminal import console, print_line, printable
+from avrgym.cli.terminal import make_console, print_line, printable_text
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -15,18 +15,18 @@ LINE_INTERVAL_S = 10.0
 """Minimum time between two lines of text in a file."""
 SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
 """Time between samples of the rate, and the time window of its average."""
-NOTHING_WRITTEN = "nothing was written; run the same command again"
-SAME_COMMAND_CONTINUES = "finished work is stored; the same command continues"
+RESTART_HINT = "nothing was written; run the same command again"
+CONTINUE_HINT = "finished work is stored; the same command continues"
 Clock = Callable[[], float]
 
 
-class Rate:
+class WorkRate:
     """Rate of work, computed from samples of the completed amount."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
-    def add(self, now_s: float, done: float) -> None:
+    def add_sample(self, now_s: float, done: float) -> None:
         """Add a sample: the completed amount ``done`` at time ``now_s``."""
         if len(self._samples) > 1 and now_s - self._samples[-2][0] < SAMPLE_INTERVAL_S:
             self._samples.pop()
@@ -41,42 +41,42 @@ class Rate:
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 
 
-class Bar:
+class ProgressBar:
     """The progress of long work, shown as a bar or as lines."""
 
     def __init__(self, progress: "Progress", label: str, total: float | None, unit: str) -> None:
-        self._progress, self._label, self._unit = progress, printable(label), unit
+        self._progress, self._label, self._unit = progress, printable_text(label), unit
         progress.add_task(self._label, total=total, left="")
         (self._task,) = progress.tasks
         self._started_s = self._line_s = progress.get_time()
-        self._rate = Rate()
+        self._rate = WorkRate()
 
     def advance(self, by: float = 1) -> None:
         """Add ``by`` to the completed amount."""
         if not self._task.completed:
-            self._rate.add(self._started_s, 0.0)
-        self.show(self._task.completed + by)
+            self._rate.add_sample(self._started_s, 0.0)
+        self.update(self._task.completed + by)
 
-    def show(self, done: float, total: float | None = None, label: str | None = None) -> None:
+    def update(self, done: float, total: float | None = None, label: str | None = None) -> None:
         """Set the completed amount, and also total and label if they are given."""
         now_s = self._progress.get_time()
-        self._rate.add(now_s, done)
-        description = None if label is None else printable(label)
+        self._rate.add_sample(now_s, done)
+        description = None if label is None else printable_text(label)
         self._progress.update(self._task.id, completed=done, total=total, description=description)
         self._progress.update(self._task.id, left=self._left())
         if not self._progress.console.is_terminal and now_s - self._line_s >= LINE_INTERVAL_S:
             self._line_s = now_s
             print_line(self._line())
 
-    def end(self) -> None:
+    def finish(self) -> None:
         """Print the duration of the work if the progress was printed as lines."""
         if self._line_s > self._started_s:
-            print_line(f"{self._label}: done in {duration(self._progress.get_time() - self._started_s)}")
+            print_line(f"{self._label}: done in {duration_text(self._progress.get_time() - self._started_s)}")
 
     def _left(self) -> str:
         per_s, total = self._rate.per_s, self._task.total
         remaining = (total or 0.0) - self._task.completed
-        return f"{duration(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
+        return f"{duration_text(remaining / per_s)} left" if per_s and remaining > 0.0 else ""
 
     def _line(self) -> str:
         """Returns the progress as text.
@@ -97,9 +97,9 @@ def progress_bar(
     label: str,
     total: float | None = None,
     unit: str = "",
-    stopped: str = NOTHING_WRITTEN,
+    stopped: str = RESTART_HINT,
     clock: Clock = time.monotonic,
-) -> Generator[Bar]:
+) -> Generator[ProgressBar]:
     """Context manager: show the progress of long work. Yields the bar.
 
     Args:
@@ -114,7 +114,7 @@ def progress_bar(
     label_column, left_column = (
         TextColumn(text, markup=False) for text in ("{task.description}", "{task.fields[left]}")
     )
-    shown = console()
+    shown = make_console()
     progress = Progress(
         label_column,
         BarColumn(),
@@ -127,15 +127,15 @@ def progress_bar(
     )
     try:
         with progress:
-            bar = Bar(progress, label, total, unit)
+            bar = ProgressBar(progress, label, total, unit)
             yield bar
     except KeyboardInterrupt as stop:
         stop.add_note(stopped)
         raise
-    bar.end()
+    bar.finish()
 
 
-def duration(seconds: float) -> str:
+def duration_text(seconds: float) -> str:
     """Returns a duration as text, such as ``40 s``, ``12 min`` or ``3 h 20 min``."""
     minutes = round(seconds / 60)
     if seconds < 100:

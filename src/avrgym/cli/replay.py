@@ -10,15 +10,15 @@ import typer
 
 from avrgym.cli.progress import progress_bar
 from avrgym.cli.terminal import (
-    JsonFile,
-    check_json,
+    JsonFileOption,
+    check_json_file,
     print_line,
-    print_regions,
+    print_region_forces,
     print_table,
     report_errors,
     write_json,
 )
-from avrgym.vr.server.addresses import PORT
+from avrgym.vr.server.addresses import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from avrgym.recording.reader import Recording
@@ -70,8 +70,8 @@ def replay(
     ] = False,
     port: Annotated[
         int, typer.Option(help="Port of the page; 0 chooses a free one.", min=0, max=65535)
-    ] = PORT,
-    json_file: JsonFile = None,
+    ] = DEFAULT_PORT,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Replay a recorded trial.
 
@@ -89,7 +89,7 @@ def replay(
             )
         if compare is not None and html is None:
             raise ValueError("--compare needs --html, such as --html both.html --compare OTHER")
-        check_json(json_file)
+        check_json_file(json_file)
         with _with_file_name(file):
             recording = _read(file)
             if verify:
@@ -138,7 +138,7 @@ def _read(file: Path) -> "Recording":
 @contextmanager
 def _progress(recording: "Recording", words: str) -> Generator[Callable[[], None]]:
     """Context manager: show a progress bar of the recorded states. Yields the function that advances the bar."""
-    with progress_bar(words, len(recording.topics["/physics"]), "states") as bar:
+    with progress_bar(words, len(recording.messages_by_topic["/physics"]), "states") as bar:
         yield bar.advance
 
 
@@ -172,7 +172,7 @@ def _print_differences(found: "Verification") -> None:
         f"{found.steps - found.identical_steps} of {found.steps} control steps"
     )
     print_table([asdict(difference) for difference in found.differences])
-    if found.agrees and not found.same_rounding:
+    if found.agrees_within_rounding and not found.same_rounding:
         print_line(
             f"The replay agrees: each tick from a recorded state reproduces the next state within "
             f"{found.tick_error:.1g}. The C library of this computer rounds differently."
@@ -196,7 +196,7 @@ def _show_regions(recording: "Recording", json_file: Path | None) -> None:
     with _progress(recording, "recomputing") as advance:
         found = region_statistics(region_loads(recording, advance))
     figures = {region: asdict(each) for region, each in found.items()}
-    print_regions({"this trial": figures})
+    print_region_forces({"this trial": figures})
     write_json(json_file, figures)
 
 
@@ -226,10 +226,10 @@ def _write_mcap(recording: "Recording", mcap: Path) -> None:
 
 
 def _draw_strip(recording: "Recording", count: int, out: Path, first_person: bool) -> None:
-    from avrgym.replay.pictures import write_strip
+    from avrgym.replay.pictures import write_image_strip
 
     with _progress(recording, "drawing") as advance:
-        times_s = write_strip(recording, count, out, first_person=first_person, progress=advance)
+        times_s = write_image_strip(recording, count, out, first_person=first_person, progress=advance)
     print_line(f"images    {out}, at {', '.join(f'{time_s:.1f}' for time_s in times_s)} s")
 
 
@@ -242,23 +242,23 @@ def _named(file: Path | None) -> list[tuple[Path, "Recording"]]:
 
 def _write_page(recordings: list[tuple[Path, "Recording"]], html: Path) -> None:
     from avrgym.replay.page import ReplayedTrial, check_new_page, write_page
-    from avrgym.replay.timeline import timeline_of
+    from avrgym.replay.timeline import build_timeline
 
     check_new_page(html)
     trials: list[ReplayedTrial] = []
     for file, recording in recordings:
         with _with_file_name(file), _progress(recording, "recomputing") as advance:
-            trials.append(ReplayedTrial(recording, *timeline_of(recording, advance)))
+            trials.append(ReplayedTrial(recording, *build_timeline(recording, advance)))
     write_page(trials, html)
     print_line(f"page      {html}, {html.stat().st_size / 1e6:.1f} MB")
 
 
 def _show(recording: "Recording", port: int) -> None:
     from avrgym.replay.server import ReplayServer
-    from avrgym.replay.timeline import timeline_of
+    from avrgym.replay.timeline import build_timeline
 
     with _progress(recording, "recomputing") as advance:
-        timeline, poses = timeline_of(recording, advance)
+        timeline, poses = build_timeline(recording, advance)
     with ReplayServer(recording, timeline, poses, port) as server:
         print_line("Open this address in a browser; Space plays and pauses. Stop with Ctrl+C.")
         print_line(f"    {server.url}")

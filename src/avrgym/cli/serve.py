@@ -10,35 +10,35 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from avrgym.cli.activity_log import log_start_and_end
-from avrgym.cli.names import unlock
+from avrgym.cli.names import unlock_identity_file
 from avrgym.cli.options import (
-    PEOPLE,
-    AllowOtherSettings,
-    EpisodeSteps,
-    ForceGuard,
-    Impairment,
-    Policy,
-    SceneSettings,
-    Seed,
+    ALLOWED_PEOPLE,
+    AllowOtherSettingsOption,
+    EpisodeStepsOption,
+    ForceGuardOption,
+    ImpairmentOption,
+    PolicyOption,
+    SeedOption,
+    SettingsOption,
 )
-from avrgym.cli.terminal import print_line, report_errors, warn
+from avrgym.cli.terminal import print_line, print_warning, report_errors
 from avrgym.models.body_names import SEXES, Sex
-from avrgym.policies.names import OPERATOR, POLICY_CHOICES, PREFERRED_POLICIES
+from avrgym.policies.names import DEFAULT_POLICIES, OPERATOR_POLICY, POLICY_CHOICES
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
+from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real_furniture import RealFurniture
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.sessions.serving import StudySessions
-    from avrgym.vr.lab_streaming.choice import StreamChoice
-    from avrgym.vr.protocol.messages import Send
-    from avrgym.vr.server.authentication import Caller
+    from avrgym.vr.lab_streaming.choice import StreamSettings
+    from avrgym.vr.protocol.messages import SendMessage
+    from avrgym.vr.server.authentication import AuthenticatedClient
     from avrgym.vr.server.certificate import Certificate
     from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.session.events import SessionEvent
     from avrgym.vr.session.session import Session
-    from avrgym.vr.session.streams import Streams
+    from avrgym.vr.session.streams import DeviceStreams
 
 
 def serve(
@@ -53,7 +53,7 @@ def serve(
     ] = None,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = PORT,
+    ] = DEFAULT_PORT,
     lan: Annotated[
         bool,
         typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
@@ -62,15 +62,15 @@ def serve(
     policy: Annotated[
         str | None,
         typer.Option(
-            help=f"The policy that drives the robot: {POLICY_CHOICES}; or {OPERATOR}. By default the first of "
-            f"{', '.join(PREFERRED_POLICIES)} that the environment has."
+            help=f"The policy that drives the robot: {POLICY_CHOICES}; or {OPERATOR_POLICY}. By default the first of "
+            f"{', '.join(DEFAULT_POLICIES)} that the environment has."
         ),
     ] = None,
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
     ] = "woman",
     trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
-    seed: Seed = 0,
+    seed: SeedOption = 0,
     seat_height: Annotated[
         float | None,
         typer.Option(help="The height of the real seat, m; default: that of the study, or 0.485."),
@@ -110,7 +110,7 @@ def serve(
         bool,
         typer.Option(
             "--send-streams",
-            help="Send events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
+            help="SendMessage events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
         ),
     ] = False,
     receive: Annotated[
@@ -120,9 +120,9 @@ def serve(
             metavar="NAME=QUERY",
         ),
     ] = None,
-    settings: SceneSettings = None,
-    allow_other_settings: AllowOtherSettings = False,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
+    settings: SettingsOption = None,
+    allow_other_settings: AllowOtherSettingsOption = False,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
 ) -> None:
     """Serve one participant's session to a headset.
 
@@ -151,7 +151,7 @@ def serve(
         )
         choice = parse_stream_options(send_streams, receive or [])
         certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
-        address = host or (EVERY_ADDRESS if lan else LOOPBACK[0])
+        address = host or (ALL_INTERFACES if lan else LOOPBACK_HOSTS[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
                 raise ValueError(
@@ -193,7 +193,7 @@ def serve(
         )
         with LiveServer(make_session, address, port, certificate) as server:
             server.export_next_scene()
-            _explain(server, "spectator", server.urls())
+            _explain(server, "spectator", server.page_urls())
             _wait(server)
 
 
@@ -213,24 +213,24 @@ def _serve_study(
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.dashboard.request_log import LiveLog
     from avrgym.study.dashboard.tokens import StudyTokens
-    from avrgym.study.people.experimenters import Experimenters
+    from avrgym.study.people.experimenters import ExperimenterTokens
     from avrgym.study.sessions.links import session_links
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.study.sessions.threads import StorageThread
-    from avrgym.study.storage.identity_file import FOLDER as PRIVATE
+    from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.server.session_links import SessionLinks
     from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
-    unlock(folder)
+    unlock_identity_file(folder)
     with (
         Store(folder) as store,
         nullcontext(session_links(store)) as links,
         nullcontext(SessionLinks()) as caregiver_links,
         log_start_and_end(store, "start server", "stop server"),
         StorageThread() as storing,
-        Experimenters(store) as experimenters,
+        ExperimenterTokens(store) as experimenters,
         _streams(store.design.streams) as streams,
         LiveServer(
             lambda send: StudySessions(
@@ -252,19 +252,23 @@ def _serve_study(
                 store,
                 tokens,
                 sessions,
-                lambda link: server.urls(token=link),
-                lambda link: server.urls("caregiver", link),
+                lambda link: server.page_urls(token=link),
+                lambda link: server.page_urls("caregiver", link),
             ),
             tokens=StudyTokens.of_study(
                 folder / PRIVATE / "tokens.json", experimenters, links, caregiver_links
             ),
             sounds=folder / SOUNDS_FOLDER,
-            record=partial(_record, LiveLog(store, storing, warn)),
+            record=partial(_record, LiveLog(store, storing, print_warning)),
             links=links,
         ) as server,
     ):
         server.export_next_scene()
-        _explain(server, "dashboard", server.urls(token=links.link) if links.link else server.pages())
+        _explain(
+            server,
+            "dashboard",
+            server.page_urls(token=links.link) if links.link else server.participant_urls_without_token(),
+        )
         if links.link is None:
             print_line(
                 "Each session has its own link. Start a session on the dashboard, and enter its code on the headset."
@@ -272,21 +276,21 @@ def _serve_study(
         _wait(server)
 
 
-def _record(log: "LiveLog", sessions: "StudySessions", caller: "Caller", message: Any) -> None:
-    log.record(caller, message, sessions.participant)
+def _record(log: "LiveLog", sessions: "StudySessions", caller: "AuthenticatedClient", message: Any) -> None:
+    log.log_message(caller, message, sessions.participant)
 
 
-def _streams(choice: "StreamChoice") -> "AbstractContextManager[Streams | None]":
+def _streams(choice: "StreamSettings") -> "AbstractContextManager[DeviceStreams | None]":
     """Context manager: yields the requested streams, or ``None`` if no stream is requested."""
     if not choice.send and not choice.receive:
         return nullcontext()
     try:
-        from avrgym.vr.lab_streaming.streams import lab_streams
+        from avrgym.vr.lab_streaming.streams import open_lab_streams
     except (ModuleNotFoundError, RuntimeError) as error:  # a RuntimeError if its library cannot be loaded
         raise ValueError(
             f"Lab Streaming Layer is missing ({error}); `pip install avrgym[lsl]` installs it"
         ) from error
-    return lab_streams(choice)
+    return open_lab_streams(choice)
 
 
 def _free_session(
@@ -298,7 +302,7 @@ def _free_session(
     trials: int,
     seed: int,
     workers: Executor,
-    streams: "Streams | None",
+    streams: "DeviceStreams | None",
     *,
     force_guard: bool,
     language: str,
@@ -307,22 +311,22 @@ def _free_session(
     settings: list[str] | None,
     allow_other_settings: bool,
     trial_steps: int,
-) -> "Callable[[Send], Session]":
+) -> "Callable[[SendMessage], Session]":
     """Returns a function that starts a session without a study."""
-    from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate
+    from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, translate_items
     from avrgym.tasks.settings import parse_settings
     from avrgym.texts.interface_texts import read_texts
-    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, trials_with_practice
+    from avrgym.vr.session.plan import HeadsetCheckPlan, SessionPlan, load_policies, plan_trials_with_practice
     from avrgym.vr.session.session import Session
 
     texts = read_texts(language)
-    planned = trials_with_practice(environments, policy, trials, seed)
+    planned = plan_trials_with_practice(environments, policy, trials, seed)
     plan = SessionPlan(
         planned,
         person,
         free_movement_s=5.0,
         simulated=False,
-        items=translate(LIKERT_ITEMS, texts),
+        items=translate_items(LIKERT_ITEMS, texts),
         furniture=furniture,
         force_guard=force_guard,
         texts=texts,
@@ -334,8 +338,8 @@ def _free_session(
     )
     policies = load_policies(plan)
     for environment, name in policies if policy is None else ():
-        if name != PREFERRED_POLICIES[0]:
-            warn(f"{environment} has no policy {PREFERRED_POLICIES[0]}; its robot is driven by {name}")
+        if name != DEFAULT_POLICIES[0]:
+            print_warning(f"{environment} has no policy {DEFAULT_POLICIES[0]}; its robot is driven by {name}")
     recordings, name = folder / "recordings", folder.name
     return lambda send: Session(
         plan,
@@ -374,9 +378,9 @@ def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: l
     if in_network:
         _explain_network(in_network)
     print_line("Experimenter (do not give this address to the participant)")
-    print_line(f"    {server.urls(experimenters_page, server.tokens.experimenter)[0]}")
+    print_line(f"    {server.page_urls(experimenters_page, server.tokens.experimenter)[0]}")
     print_line("Spectators")
-    print_line(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
+    print_line(f"    {server.page_urls('spectator', server.tokens.spectator)[0]}")
     print_line("Stop with Ctrl+C.")
 
 
@@ -393,17 +397,17 @@ def _explain_network(urls: list[str]) -> None:
 
 def view(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
-    policy: Policy = "oracle",
-    people: Annotated[str, typer.Option(help=f"The population: {PEOPLE}.")] = "revised",
-    impairment: Impairment = "none",
+    policy: PolicyOption = "oracle",
+    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "revised",
+    impairment: ImpairmentOption = "none",
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = PORT,
-    seed: Seed = 0,
-    force_guard: ForceGuard = False,
-    settings: SceneSettings = None,
-    allow_other_settings: AllowOtherSettings = False,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
+    ] = DEFAULT_PORT,
+    seed: SeedOption = 0,
+    force_guard: ForceGuardOption = False,
+    settings: SettingsOption = None,
+    allow_other_settings: AllowOtherSettingsOption = False,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
 ) -> None:
     """Show episodes of an environment in a browser.
 
@@ -435,7 +439,7 @@ def view(
     ):
         server.export_next_scene()
         print_line("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
-        print_line(f"    {server.urls('spectator', server.tokens.experimenter)[0]}")
+        print_line(f"    {server.page_urls('spectator', server.tokens.experimenter)[0]}")
         _wait(server)
 
 

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from avrgym.cli.activity_log import log
-from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
+from avrgym.cli.activity_log import log_command
+from avrgym.cli.progress import CONTINUE_HINT, progress_bar
 from avrgym.cli.terminal import (
-    JsonFile,
-    check_json,
+    JsonFileOption,
+    check_json_file,
     print_line,
     print_table,
     report_errors,
@@ -38,7 +38,7 @@ def merge(
             "--skip-damaged", help="Leave out recordings that are damaged or missing at their site."
         ),
     ] = False,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Merge the studies of several sites into one.
 
@@ -49,19 +49,22 @@ def merge(
 
     notes: list[str] = []
     with report_errors():
-        check_json(json_file)
-        with progress_bar("comparing recordings", unit="recordings", stopped=SAME_COMMAND_CONTINUES) as bar:
+        check_json_file(json_file)
+        with progress_bar("comparing recordings", unit="recordings", stopped=CONTINUE_HINT) as bar:
             sites = merge_studies(
                 folders,
                 out,
                 accept_differences=accept_differences,
                 skip_damaged=skip_damaged,
-                progress=bar.show,
+                progress=bar.update,
                 report=notes.append,
             )
-        if any(site.rows_written or site.recordings_copied or site.participants_deleted for site in sites):
+        if any(
+            site.written_row_count or site.copied_recording_count or site.deleted_participant_count
+            for site in sites
+        ):
             with Store(out) as merged:
-                log(merged, "merge", detail=", ".join(site.site for site in sites))
+                log_command(merged, "merge", detail=", ".join(site.site_name for site in sites))
         write_json(json_file, [asdict(site) for site in sites])
     for words in notes:
         print_line(f"note      {words}")
@@ -69,7 +72,7 @@ def merge(
     print_line(f"merged    {out}; names and contacts stay in the sites' identity files")
 
 
-def print_sites(summary: "StudySummary") -> None:
+def print_order_counts(summary: "StudySummary") -> None:
     """Print the number of participants in each trial order, by site."""
     for site, filled in summary.filled_by_site.items():
         print_line(f"at {site}  {', '.join(map(str, filled))}")

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from avrgym.cli.activity_log import log
+from avrgym.cli.activity_log import log_command
 from avrgym.cli.experimenters import add_experimenter, experimenters, revoke_experimenter
 from avrgym.cli.invitations import invitations, invite
-from avrgym.cli.names import encrypt_names, names, print_key, unlock
-from avrgym.cli.options import PEOPLE, Cluster, Impairment, cluster_connection
+from avrgym.cli.names import encrypt_names, names, print_name_encryption, unlock_identity_file
+from avrgym.cli.options import ALLOWED_PEOPLE, Cluster, ImpairmentOption, cluster_connection
 from avrgym.cli.participant_records import (
     adverse_events,
     change_input,
@@ -23,13 +23,20 @@ from avrgym.cli.participant_records import (
     respondent,
     retention,
 )
-from avrgym.cli.plan import Folder, checked, freeze, frozen_at_and_deviations, power, quality
-from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
-from avrgym.cli.sites import merge, print_sites
+from avrgym.cli.plan import (
+    StudyFolderArgument,
+    check_study_and_plan,
+    freeze,
+    frozen_at_and_deviations,
+    power,
+    quality,
+)
+from avrgym.cli.progress import CONTINUE_HINT, progress_bar
+from avrgym.cli.sites import merge, print_order_counts
 from avrgym.cli.terminal import (
-    Jobs,
-    JsonFile,
-    check_json,
+    JobsOption,
+    JsonFileOption,
+    check_json_file,
     confirm,
     print_line,
     print_table,
@@ -47,11 +54,11 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Run a study, from its design to the export of its data.")
 IDENTITY_FILE_HELP = "Stored only in private/identities.json, encrypted."
-Pseudonym = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
+PseudonymArgument = Annotated[str, typer.Argument(help="A pseudonym such as sub-001.")]
 
 
 @app.command()
-def new(folder: Folder) -> None:
+def new(folder: StudyFolderArgument) -> None:
     """Write the paper's protocol to study.toml.
 
     Edit the file before the first participant is enrolled. Its comments explain each field.
@@ -87,7 +94,7 @@ app.command()(revoke_experimenter)
 
 
 @app.command()
-def status(folder: Folder, json_file: JsonFile = None) -> None:
+def status(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
     """Show the progress of a study.
 
     It lists participants, their trials, the number of participants in each order, and deviations from the plan.
@@ -96,7 +103,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             summary = summarise_study(store)
             frozen_at, deviations = frozen_at_and_deviations(store)
@@ -109,7 +116,7 @@ def status(folder: Folder, json_file: JsonFile = None) -> None:
         + (f"; consent or withdrawal of {summary.unknown} is unknown" if summary.unknown else "")
     )
     print_line(f"participants per order  {', '.join(map(str, summary.filled))}")
-    print_sites(summary)
+    print_order_counts(summary)
     if summary.participants:
         print_table([_row(participant) for participant in summary.participants])
     if frozen_at is not None:
@@ -125,8 +132,8 @@ def _row(participant: "ParticipantSummary") -> dict[str, Any]:
 
 
 @app.command()
-def enrol(
-    folder: Folder,
+def enrol_participant(
+    folder: StudyFolderArgument,
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
     age: Annotated[int | None, typer.Option(help="In years.")] = None,
     language: Annotated[str, typer.Option(help="A language of study.toml; default: the first.")] = "",
@@ -151,7 +158,7 @@ def enrol(
     Each person takes part once. The command therefore rejects a name or contact that another participant has.
     """
     from avrgym.study.people.input_profiles import parse_profile
-    from avrgym.study.people.participants import enrol as take_in
+    from avrgym.study.people.participants import enrol_participant as take_in
     from avrgym.study.storage import identity_file
     from avrgym.study.storage.store import Store
 
@@ -160,7 +167,7 @@ def enrol(
             raise ValueError(f"unknown body model {body!r}; allowed: {', '.join(SEXES)}")
         first = not identity_file.identity_path(folder).exists()
         if name or contact:
-            unlock(folder)
+            unlock_identity_file(folder)
         pseudonym = take_in(
             store,
             body,
@@ -172,16 +179,16 @@ def enrol(
             confirm_duplicate=confirm_duplicate,
             input_profile=parse_profile({"method": method}) if method else None,
         )
-        log(store, "enrol", pseudonym)
+        log_command(store, "enrol", pseudonym)
     print_line(f"enrolled  {pseudonym}")
     if first:
-        print_key(folder)
+        print_name_encryption(folder)
 
 
 @app.command()
 def consent(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     by: Annotated[
         str, typer.Option("--by", help=f"The role of the consent: {', '.join(CONSENT_ROLES)}.")
     ] = "participant",
@@ -222,7 +229,7 @@ def _record(store: "Store", person: "Participant", by: str) -> bool:
     from avrgym.study.people.participants import record_consent
 
     complete = record_consent(store, person.pseudonym, by)
-    log(store, "consent", person.pseudonym, detail="" if by == PARTICIPANT else by)
+    log_command(store, "consent", person.pseudonym, detail="" if by == PARTICIPANT else by)
     if not complete:
         missing = "assent" if by == "proxy" else "proxy"
         print_line(f"{person}: stored; next `avrgym study consent {store.folder} {person} --by {missing}`")
@@ -242,7 +249,7 @@ def _ask_again(store: "Store", person: "Participant", by: str) -> bool:
     if not confirm(f"Store that {person} does not agree and withdraws? This is final."):
         raise RuntimeError(f"{person} has not decided. Nothing was stored")
     decline_consent(store, person.pseudonym, by)
-    log(store, "declined-consent", person.pseudonym)
+    log_command(store, "declined-consent", person.pseudonym)
     print_line(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")
     return False
 
@@ -261,14 +268,14 @@ def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
     participant, texts = person.pseudonym, participant_texts(store, person)
     answers = {question.id: confirm(texts.translate(question.text)) for question in store.design.inclusion}
     fits = record_inclusion(store, participant, answers)
-    log(store, "inclusion", participant)
+    log_command(store, "inclusion", participant)
     print_line(f"{participant} takes part" if fits else f"{participant} cannot take part")
 
 
 @app.command()
 def withdraw(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     reason: Annotated[str, typer.Option(help="Without names.")] = "",
 ) -> None:
     """Withdraw a participant.
@@ -280,14 +287,14 @@ def withdraw(
 
     with report_errors(), Store(folder) as store:
         end_participation(store, participant, reason)
-        log(store, "withdraw", participant)
+        log_command(store, "withdraw", participant)
     print_line(f"{participant} has withdrawn")
 
 
 @app.command("confirm-participation")
 def confirm_participation(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
     evidence: Annotated[
         str, typer.Option(help="Evidence without names, such as a signed form and its place.")
     ],
@@ -307,16 +314,16 @@ def confirm_participation(
 
 @app.command()
 def simulate(
-    folder: Folder,
+    folder: StudyFolderArgument,
     participants: Annotated[
         int, typer.Option(help="Number of simulated participants of the study.", min=1)
     ] = 8,
     seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
-    people: Annotated[str, typer.Option(help=f"The population: {PEOPLE}.")] = "participants",
-    impairment: Impairment = "none",
-    jobs: Jobs = None,
+    people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "participants",
+    impairment: ImpairmentOption = "none",
+    jobs: JobsOption = None,
     cluster: Cluster = None,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Simulate the sessions of participants.
 
@@ -327,14 +334,14 @@ def simulate(
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with (
             cluster_connection(cluster, jobs) as workers,
-            progress_bar("simulating", unit="trials", stopped=SAME_COMMAND_CONTINUES) as bar,
+            progress_bar("simulating", unit="trials", stopped=CONTINUE_HINT) as bar,
         ):
-            simulate_study(folder, participants, seed, bar.show, jobs, people, impairment, workers)
+            simulate_study(folder, participants, seed, bar.update, jobs, people, impairment, workers)
         with Store(folder) as store:
-            log(store, "simulate", detail=f"{participants} participants, seed {seed}")
+            log_command(store, "simulate", detail=f"{participants} participants, seed {seed}")
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))
     print_line(
@@ -344,11 +351,11 @@ def simulate(
 
 @app.command()
 def check(
-    folder: Folder,
+    folder: StudyFolderArgument,
     fix_permissions: Annotated[
         bool, typer.Option("--fix-permissions", help="Restrict the study's files to their owner.")
     ] = False,
-    json_file: JsonFile = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Check that a study can run with complete data.
 
@@ -358,13 +365,13 @@ def check(
     from avrgym.study.storage.store import Store
 
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         with Store(folder) as store:
             if fix_permissions:
                 fix(store)
-                log(store, "fix permissions")
-            findings = checked(store)
-            head = store.database.head()
+                log_command(store, "fix permissions")
+            findings = check_study_and_plan(store)
+            head = store.database.chain_head()
         write_json(json_file, [asdict(finding) for finding in findings])
     for finding in findings:
         print_line(f"{'error' if finding.is_error else 'note '}  {finding.where}: {finding.message}")
@@ -376,7 +383,7 @@ def check(
 
 
 @app.command()
-def rebuild(folder: Folder) -> None:
+def rebuild(folder: StudyFolderArgument) -> None:
     """Rebuild a lost database from the recordings.
 
     The command also uses the participation list. It lists data that cannot be rebuilt. Names and recordings are not
@@ -388,24 +395,27 @@ def rebuild(folder: Folder) -> None:
     with report_errors():
         rebuilt = rebuild_study(folder)
         with Store(folder) as store:
-            log(store, "rebuild")
-    print_line(f"{rebuilt.participants} participants, {rebuilt.attempts} attempts, {rebuilt.answers} answers")
-    print_line(f"lost      {rebuilt.lost}")
-    if rebuilt.unknown:
+            log_command(store, "rebuild")
+    print_line(
+        f"{rebuilt.participant_count} participants, {rebuilt.attempt_count} attempts, {rebuilt.answer_count} answers"
+    )
+    print_line(f"lost      {rebuilt.lost_data}")
+    if rebuilt.unknown_state_count:
         print_line(
-            f"unknown   consent or withdrawal of {rebuilt.unknown} participants: they are excluded from analyses until "
+            f"unknown   consent or withdrawal of {rebuilt.unknown_state_count} participants: they are excluded "
+            f"from analyses until "
             "you confirm each with `avrgym study confirm-participation`"
         )
     print_line(
         "marked    `check` and the report contain the rebuild of the database; it no longer proves the date of a plan"
     )
-    for each in rebuilt.left_out:
+    for each in rebuilt.omission_messages:
         print_line(f"left out  {each}")
 
 
 @app.command()
 def export(
-    folder: Folder,
+    folder: StudyFolderArgument,
     out: Annotated[Path, typer.Option(help="An empty or new folder for the export.")],
     data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5, lerobot or minari.")],
     skip_damaged: Annotated[
@@ -453,10 +463,10 @@ def export(
             skip_damaged=skip_damaged,
             extras=ExportOptions(free_text, health),
             cameras=camera or (),
-            progress=bar.show,
+            progress=bar.update,
             report=left_out.append,
         )
-        log(store, "export", detail=data_format, shows_results=True)
+        log_command(store, "export", detail=data_format, shows_results=True)
     for why in left_out:
         print_line(f"left out  {why}")
     print_line(f"{files} files in {out}. They are pseudonymised, not anonymous.")
@@ -466,8 +476,8 @@ def export(
 
 @app.command("delete-participant")
 def delete_participant(
-    folder: Folder,
-    participant: Pseudonym,
+    folder: StudyFolderArgument,
+    participant: PseudonymArgument,
 ) -> None:
     """Delete all data of a participant.
 
@@ -479,5 +489,5 @@ def delete_participant(
 
     with report_errors(), Store(folder) as store:
         delete(store, participant)
-        log(store, "delete participant", participant)
+        log_command(store, "delete participant", participant)
     print_line(f"{participant} is deleted. Delete earlier exports and copies outside the study yourself.")

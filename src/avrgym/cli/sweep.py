@@ -10,7 +10,15 @@ import typer
 
 from avrgym.cli.options import Cluster, cluster_connection
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import Jobs, JsonFile, check_json, print_line, print_table, report_errors, write_json
+from avrgym.cli.terminal import (
+    JobsOption,
+    JsonFileOption,
+    check_json_file,
+    print_line,
+    print_table,
+    report_errors,
+    write_json,
+)
 
 
 def sweep(
@@ -25,8 +33,8 @@ def sweep(
         bool, typer.Option("--resume", help="Continue the sweep in the folder, without a file.")
     ] = False,
     cluster: Cluster = "local",
-    jobs: Jobs = None,
-    json_file: JsonFile = None,
+    jobs: JobsOption = None,
+    json_file: JsonFileOption = None,
 ) -> None:
     """Run many training runs on a Ray cluster.
 
@@ -34,7 +42,7 @@ def sweep(
     `avrgym[train,cluster]`.
     """
     with report_errors():
-        check_json(json_file)
+        check_json_file(json_file)
         if resume == (file is not None) or (resume and out is None):
             raise ValueError(
                 "a new sweep needs FILE; --resume needs --out DIR, the folder of the sweep, and no FILE"
@@ -43,7 +51,7 @@ def sweep(
         folder = out or Path("runs") / (file or Path()).stem
         if file is not None:
             sweeps.create(file, folder)
-        groups = sweeps.trainings_by_group(folder)
+        groups = sweeps.training_runs_by_group(folder)
         steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
         again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}
@@ -54,7 +62,7 @@ def sweep(
 
             def report(name: str, steps_made: int) -> None:
                 made[name] = steps_made
-                bar.show(sum(made.values()), label=f"{len(made)} trainings started")
+                bar.update(sum(made.values()), label=f"{len(made)} trainings started")
 
             rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])

@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
-UNKNOWN = "–"
+EMPTY_CELL_TEXT = "–"
 """Text of a table cell without a value."""
 
-JsonFile = Annotated[
+JsonFileOption = Annotated[
     Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
 ]
 
-Jobs = Annotated[
+JobsOption = Annotated[
     int | None,
     typer.Option(
         help="Number of processes; by default one for each core. Does not change the metrics.", min=1
@@ -44,7 +44,7 @@ def report_errors() -> Generator[None]:
         yield
     except (ValueError, OSError, RuntimeError) as error:
         line = " ".join(f"avrgym: {_error_text(error)}".splitlines())
-        typer.echo(printable(line, sys.stderr.encoding), err=True)
+        typer.echo(printable_text(line, sys.stderr.encoding), err=True)
         raise typer.Exit(1) from error
 
 
@@ -56,7 +56,7 @@ def _error_text(error: Exception) -> str:
     return reason if error.filename is None else f"{os.fsdecode(error.filename)}: {reason}"
 
 
-def check_json(path: Path | None) -> None:
+def check_json_file(path: Path | None) -> None:
     """Raise ``ValueError`` if the JSON file cannot be written. Commands call this before long work.
 
     The path must be that of a new file or of a regular file.
@@ -73,12 +73,12 @@ def check_json(path: Path | None) -> None:
 
 def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]) -> None:
     """Write metrics to a JSON file; without a path, do nothing."""
-    check_json(path)
+    check_json_file(path)
     if path is not None:
         write_atomically(path, (json.dumps(metrics, indent=2) + "\n").encode())
 
 
-def printable(text: str, encoding: str | None = None) -> str:
+def printable_text(text: str, encoding: str | None = None) -> str:
     """Returns the text with escaped control characters, except line breaks and tabs.
 
     Characters that the encoding lacks are escaped too.
@@ -89,7 +89,7 @@ def printable(text: str, encoding: str | None = None) -> str:
 
 def print_line(text: str) -> None:
     """Print a line without wrapping. Paths and addresses can then be copied."""
-    typer.echo(printable(text))
+    typer.echo(printable_text(text))
 
 
 def print_skipped(what: str, error: Exception) -> None:
@@ -98,15 +98,15 @@ def print_skipped(what: str, error: Exception) -> None:
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
     line = " ".join(f"left out  {what}: {reason}".split("\n"))
-    typer.echo(printable(line, sys.stderr.encoding), err=True)
+    typer.echo(printable_text(line, sys.stderr.encoding), err=True)
 
 
-def warn(text: str) -> None:
+def print_warning(text: str) -> None:
     """Print a warning on stderr."""
-    typer.echo(printable(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
+    typer.echo(printable_text(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
 
 
-def console(width: int | None = None) -> "Console":
+def make_console(width: int | None = None) -> "Console":
     """Returns a console of the package rich. It writes no control characters into files."""
     from rich.console import Console
 
@@ -116,7 +116,7 @@ def console(width: int | None = None) -> "Console":
 
 def confirm(question: str) -> bool:
     """Ask a yes-no question. Returns whether the answer is yes."""
-    return typer.confirm(printable(question))
+    return typer.confirm(printable_text(question))
 
 
 def print_table(rows: list[dict[str, Any]]) -> None:
@@ -127,10 +127,10 @@ def print_table(rows: list[dict[str, Any]]) -> None:
     table = Table(*(Column(_cell(name), no_wrap=True) for name in rows[0]), box=SIMPLE)
     for row in rows:
         table.add_row(*(_cell(value) for value in row.values()))
-    console(width=_AS_WIDE_AS_NEEDED).print(table, soft_wrap=True)
+    make_console(width=_AS_WIDE_AS_NEEDED).print(table, soft_wrap=True)
 
 
-def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
+def print_region_forces(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
     """Print a table of contact forces by name and body region, see ``RegionStatistics``.
 
     Regions without contact are omitted.
@@ -149,9 +149,9 @@ def print_regions(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None
 
 def _cell(value: Any) -> str:
     if value is None:
-        return UNKNOWN if printable(UNKNOWN) == UNKNOWN else "-"
+        return EMPTY_CELL_TEXT if printable_text(EMPTY_CELL_TEXT) == EMPTY_CELL_TEXT else "-"
     if isinstance(value, float):
         return f"{value:.3g}"
     if is_array(value):
         return ", ".join(_cell(item) for item in value)
-    return printable(str(value)).expandtabs()
+    return printable_text(str(value)).expandtabs()

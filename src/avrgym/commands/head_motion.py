@@ -17,44 +17,45 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.commands.preferences import Thresholds
+from avrgym.commands.preferences import GestureThresholds
 from avrgym.geometry import transforms
 
-SAMPLE_S = 0.04
+MIN_SAMPLE_INTERVAL_S = 0.04
 """Minimum sampling interval in seconds. Headsets with 50 to 120 frames per second then give 22 to 25 samples per
 second."""
-WINDOW_S = 1.5
+GESTURE_WINDOW_S = 1.5
 """Duration in seconds of the time window in which a gesture is detected."""
 MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
 """Minimum and maximum frequency of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
 MIN_AXIS_RATIO = 2.0
 """Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
-PAUSE_S = 1.5
+MIN_GESTURE_PAUSE_S = 1.5
 """Minimum time in seconds between two gestures of a head."""
-_SAMPLES = round(WINDOW_S / SAMPLE_S)
+_SAMPLES = round(GESTURE_WINDOW_S / MIN_SAMPLE_INTERVAL_S)
 
-Gesture = Literal["nod", "shake"]
+HeadGesture = Literal["nod", "shake"]
 
 
-class HeadGestures:
+class HeadGestureDetector:
     """Detects nods and shakes from a stream of the orientations of N heads."""
 
-    def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
+    def __init__(self, thresholds: GestureThresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
         self._q = np.tile([1.0, 0.0, 0.0, 0.0], (heads, _SAMPLES, 1))
         self._count, self._latest_s = 0, -np.inf
         self._quiet_until_s = np.full(heads, -np.inf)
 
-    def update(self, q: FloatArray, time_s: float) -> dict[Gesture, BoolArray]:
+    def update(self, q: FloatArray, time_s: float) -> dict[HeadGesture, BoolArray]:
         """Process the current orientations. Returns masks (N,) of the heads that complete a gesture, by gesture.
 
         Args:
             q: (N, 4) quaternions w, x, y, z, in any fixed frame. The head's x axis points to its side, its y axis up.
-            time_s: time of the measurement. A measurement within ``SAMPLE_S`` of the previous one is ignored.
+            time_s: time of the measurement. A measurement within ``MIN_SAMPLE_INTERVAL_S`` of the previous one is
+                ignored.
         """
-        if time_s - self._latest_s < SAMPLE_S - 1e-6:
+        if time_s - self._latest_s < MIN_SAMPLE_INTERVAL_S - 1e-6:
             return {}
-        if time_s - self._latest_s > WINDOW_S:
+        if time_s - self._latest_s > GESTURE_WINDOW_S:
             self._count = 0
         self._latest_s = time_s
         self._q = np.concatenate([self._q[:, 1:], q[:, None]], axis=1)
@@ -62,16 +63,16 @@ class HeadGestures:
         if self._count < _SAMPLES:
             return {}
         swings = find_swings(self._q, np.radians(self._thresholds.swing_deg))
-        found: dict[Gesture, BoolArray] = {}
-        names: tuple[Gesture, ...] = ("nod", "shake")
+        found: dict[HeadGesture, BoolArray] = {}
+        names: tuple[HeadGesture, ...] = ("nod", "shake")
         for axis, name in enumerate(names):
-            others = np.delete(swings.extent_rad, axis, axis=1).max(axis=-1)
-            done = swings.number[:, axis] >= self._thresholds.swings
-            done &= swings.duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
-            done &= swings.duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
-            done &= swings.extent_rad[:, axis] >= MIN_AXIS_RATIO * others
+            others = np.delete(swings.rms_extent_rad, axis, axis=1).max(axis=-1)
+            done = swings.swing_count[:, axis] >= self._thresholds.swings
+            done &= swings.mean_duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
+            done &= swings.mean_duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
+            done &= swings.rms_extent_rad[:, axis] >= MIN_AXIS_RATIO * others
             done &= time_s >= self._quiet_until_s
-            self._quiet_until_s = np.where(done, time_s + PAUSE_S, self._quiet_until_s)
+            self._quiet_until_s = np.where(done, time_s + MIN_GESTURE_PAUSE_S, self._quiet_until_s)
             found[name] = done
         return found
 
@@ -79,19 +80,20 @@ class HeadGestures:
 class Swings(NamedTuple):
     """Swings about the three axes of N heads. All arrays are (N, 3).
 
-    ``number``: number of swings. ``duration_s``: their mean duration. ``extent_rad``: root-mean-square of the rotation.
+    ``number``: number of swings. ``mean_duration_s``: their mean duration. ``rms_extent_rad``: root-mean-square of the
+    rotation.
     """
 
-    number: IntArray
-    duration_s: FloatArray
-    extent_rad: FloatArray
+    swing_count: IntArray
+    mean_duration_s: FloatArray
+    rms_extent_rad: FloatArray
 
 
 def find_swings(q: FloatArray, swing_rad: float) -> Swings:
     """Returns the swings in a time window. A swing is a rotation in one direction by at least ``swing_rad``.
 
     Args:
-        q: (N, T, 4) orientations at intervals of ``SAMPLE_S``.
+        q: (N, T, 4) orientations at intervals of ``MIN_SAMPLE_INTERVAL_S``.
         swing_rad: minimum angle of a swing, peak to peak.
     """
     turned = transforms.to_rotation_vector(transforms.multiply(transforms.conjugate(q[:, :1]), q))
@@ -109,32 +111,32 @@ def find_swings(q: FloatArray, swing_rad: float) -> Swings:
         first = np.where(turns & (number == 0), sample, first)
         last = np.where(turns, sample, last)
         number = number + turns
-    duration_s = SAMPLE_S * (last - first) / np.maximum(number - 1, 1)
+    duration_s = MIN_SAMPLE_INTERVAL_S * (last - first) / np.maximum(number - 1, 1)
     around = turned - turned.mean(axis=1, keepdims=True)
     return Swings(number, duration_s, np.sqrt((around * around).mean(axis=1)))
 
 
 class GazeTimer:
-    """Measures how long each of N heads faces the tool (``facing_s``), or does not face it (``away_s``)."""
+    """Measures how long each of N heads faces the tool (``facing_s``), or does not face it (``facing_away_s``)."""
 
-    def __init__(self, thresholds: Thresholds, heads: int = 1) -> None:
+    def __init__(self, thresholds: GestureThresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
-        self.facing_s, self.away_s = np.zeros(heads), np.zeros(heads)
+        self.facing_s, self.facing_away_s = np.zeros(heads), np.zeros(heads)
 
     def update(self, angle_rad: FloatArray, step_s: float) -> None:
         """Update the timers. ``angle_rad`` (N,): angle between head direction and tool after a step of ``step_s``."""
         facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
         self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
-        self.away_s = np.where(facing, 0.0, self.away_s + step_s)
+        self.facing_away_s = np.where(facing, 0.0, self.facing_away_s + step_s)
 
-    def completed_looks(self) -> BoolArray:
+    def detect_gaze(self) -> BoolArray:
         """Returns a mask (N,) of the heads that have faced the tool for ``gaze_s``. Resets their timers."""
         due = self.facing_s >= self._thresholds.gaze_s
         self.facing_s = np.where(due, 0.0, self.facing_s)
         return due
 
-    def completed_looks_away(self) -> BoolArray:
+    def detect_gaze_away(self) -> BoolArray:
         """Returns a mask (N,) of the heads that have not faced the tool for ``gaze_s``. Resets their timers."""
-        due = self.away_s >= self._thresholds.gaze_s
-        self.away_s = np.where(due, 0.0, self.away_s)
+        due = self.facing_away_s >= self._thresholds.gaze_s
+        self.facing_away_s = np.where(due, 0.0, self.facing_away_s)
         return due

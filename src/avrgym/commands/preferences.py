@@ -9,22 +9,22 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta
 
-from avrgym.commands.vocabulary import COMMANDS, CommandName, Source, commands_of
+from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource, commands_of_source
 
-MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_STEP = 0.25, 1.25, 0.25
+MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_FACTOR_STEP = 0.25, 1.25, 0.25
 """Minimum and maximum speed factor, and its change by the commands ``slower`` and ``faster``."""
-MIN_DISTANCE_M, MAX_DISTANCE_M, DISTANCE_STEP_M = 0.05, 0.40, 0.05
+MIN_WAITING_DISTANCE_M, MAX_WAITING_DISTANCE_M, WAITING_DISTANCE_STEP_M = 0.05, 0.40, 0.05
 """Minimum and maximum distance at the waiting pose, and its change by the commands ``closer`` and ``farther``."""
-STANDARD_FORCE_SHARE = 0.5
+DEFAULT_FORCE_SHARE = 0.5
 """Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
 
 PreferredSide = Literal["any", "left", "right"]
 BiteTiming = Literal["on_cue", "after_swallowing", "with_company"]
-Speed = Annotated[float, Meta(ge=MIN_SPEED_FACTOR, le=MAX_SPEED_FACTOR)]
-Distance = Annotated[float, Meta(ge=MIN_DISTANCE_M, le=MAX_DISTANCE_M)]
+SpeedFactor = Annotated[float, Meta(ge=MIN_SPEED_FACTOR, le=MAX_SPEED_FACTOR)]
+WaitingDistance = Annotated[float, Meta(ge=MIN_WAITING_DISTANCE_M, le=MAX_WAITING_DISTANCE_M)]
 
 
-class Thresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
+class GestureThresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
     """Thresholds of nod, shake and gaze; see ``commands.head_motion``."""
 
     swing_deg: Annotated[float, Meta(ge=2, le=30)] = 6.0
@@ -55,20 +55,20 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
         ValueError: for values that are out of range or contradict each other.
     """
 
-    speed: Speed = 1.0
-    distance_m: Distance = 0.15
+    speed: SpeedFactor = 1.0
+    distance_m: WaitingDistance = 0.15
     side: PreferredSide = "any"
     bite_timing: BiteTiming = "on_cue"
     pause_s: Annotated[float, Meta(ge=0.5, le=60)] = 4.0
-    force_share: float = STANDARD_FORCE_SHARE
+    force_share: float = DEFAULT_FORCE_SHARE
     commands: tuple[CommandName, ...] | None = None
-    sources: tuple[Source, ...] | None = None
-    thresholds: Thresholds | None = None
+    sources: tuple[CommandSource, ...] | None = None
+    thresholds: GestureThresholds | None = None
 
     def __post_init__(self) -> None:
-        if not 0.05 <= self.force_share <= STANDARD_FORCE_SHARE:
+        if not 0.05 <= self.force_share <= DEFAULT_FORCE_SHARE:
             raise ValueError(
-                f"force_share is {self.force_share:g}; allowed: 0.05 to {STANDARD_FORCE_SHARE:g}, because a preference "
+                f"force_share is {self.force_share:g}; allowed: 0.05 to {DEFAULT_FORCE_SHARE:g}, because a preference "
                 "can only lower the force limits of the guard"
             )
         for name, values in (("commands", self.commands), ("sources", self.sources)):
@@ -76,7 +76,7 @@ class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_
                 raise ValueError(f"{name} contains a name twice; allowed: each name once")
 
     @property
-    def continues_by_itself(self) -> bool:
+    def continues_without_command(self) -> bool:
         """Whether the robot leaves its waiting pose without the command ``ready``."""
         return self.bite_timing != "on_cue"
 
@@ -104,7 +104,9 @@ def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Pref
         raise ValueError(str(error).replace(" - at `$.", " in `")) from None
 
 
-class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+class ConditionRules(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True
+):
     """Rules of a condition: the policy, and the commands of participants to the robot.
 
     ``commands``: the allowed commands; without commands the robot is autonomous. ``sources``: the allowed sources of
@@ -114,11 +116,11 @@ class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
 
     policy: str
     commands: tuple[CommandName, ...] = ()
-    sources: tuple[Source, ...] = ()
+    sources: tuple[CommandSource, ...] = ()
     pacing: bool = True
     preferences: bool = False
     defaults: Preferences = DEFAULT_PREFERENCES
-    thresholds: Thresholds = Thresholds()
+    thresholds: GestureThresholds = GestureThresholds()
 
     @property
     def uses_pacing_layer(self) -> bool:
@@ -126,36 +128,36 @@ class CommandRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit
         return bool(self.commands) or self.preferences or self.defaults != DEFAULT_PREFERENCES
 
 
-class AppliedRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
+class TrialRules(msgspec.Struct, frozen=True, omit_defaults=True, kw_only=True):
     """Rules of one trial: the rules of the condition with the participant's preferences."""
 
     policy: str
     commands: tuple[CommandName, ...]
-    sources: tuple[Source, ...]
+    sources: tuple[CommandSource, ...]
     pacing: bool
     preferences: Preferences
-    thresholds: Thresholds
+    thresholds: GestureThresholds
 
-    def rejection_reason(self, command: CommandName, source: Source) -> str:
+    def rejection_reason(self, command: CommandName, source: CommandSource) -> str:
         """Returns the reason why a command is rejected; empty if it is allowed."""
         if source not in self.sources:
             allowed = ", ".join(self.sources) or "none"
             return f"{source} is not a source of commands in this trial; allowed: {allowed}"
         if command not in self.commands:
             return f"{command} is not a command of this trial; allowed: {', '.join(self.commands)}"
-        if command not in commands_of(source):
-            return f"{source} cannot give {command}; allowed: {', '.join(commands_of(source))}"
+        if command not in commands_of_source(source):
+            return f"{source} cannot give {command}; allowed: {', '.join(commands_of_source(source))}"
         return ""
 
 
-def apply_preferences(rules: CommandRules, own: Preferences | None) -> AppliedRules:
+def apply_preferences(rules: ConditionRules, own: Preferences | None) -> TrialRules:
     """Returns the rules of a trial. The participant's preferences apply if the condition allows it.
 
     Raises:
         ValueError: if preferences and condition contradict each other.
     """
     preferences = own if rules.preferences and own is not None else rules.defaults
-    applied = AppliedRules(
+    applied = TrialRules(
         policy=rules.policy,
         commands=_chosen("commands", rules.commands, preferences.commands),
         sources=_chosen("sources", rules.sources, preferences.sources),
@@ -169,7 +171,7 @@ def apply_preferences(rules: CommandRules, own: Preferences | None) -> AppliedRu
     return applied
 
 
-def find_contradiction(rules: AppliedRules) -> str:
+def find_contradiction(rules: TrialRules) -> str:
     """Returns the first contradiction in the rules of a trial; empty without one."""
     if not rules.commands:
         return (
@@ -179,10 +181,10 @@ def find_contradiction(rules: AppliedRules) -> str:
         return "the commands do not contain stop; add stop"
     if not rules.sources:
         return "the condition has commands but no source; allowed: one source or more"
-    given = {command for source in rules.sources for command in commands_of(source)}
+    given = {command for source in rules.sources for command in commands_of_source(source)}
     if (
         rules.pacing
-        and not rules.preferences.continues_by_itself
+        and not rules.preferences.continues_without_command
         and "ready" not in given & {*rules.commands}
     ):
         return (
@@ -238,7 +240,7 @@ def describe_preferences(preferences: Preferences, language: str = "en") -> str:
     keys: Collection[str] = ("speed", "distance", preferences.bite_timing, "force")
     if preferences.commands is not None:
         keys = (*keys, "commands")
-    labels = [COMMANDS[name].label(language) for name in preferences.commands or ()]
+    labels = [ROBOT_COMMANDS[name].label(language) for name in preferences.commands or ()]
     return " ".join(
         words[key].format(
             speed=preferences.speed,

@@ -3,7 +3,7 @@
 RESPONDENTS = ("participant", "proxy", "caregiver")
 """Respondents of questionnaires: the participant; a proxy for the participant; a caregiver for themselves."""
 PARTICIPANT, PROXY, CAREGIVER = RESPONDENTS
-ANSWERING = (PARTICIPANT, PROXY)
+PARTICIPANT_RESPONDENTS = (PARTICIPANT, PROXY)
 """Allowed respondents of the questions to a participant."""
 CONSENT_ROLES = (PARTICIPANT, PROXY, "assent")
 """Roles of a consent: the participant's own consent, the consent of a representative, the participant's assent."""

@@ -9,9 +9,9 @@ HeadSource = Literal["nod", "shake", "gaze"]
 """Sources that the server detects."""
 ClientSource = Literal["dwell", "switch", "button", "key"]
 """Sources that the participant's client reports."""
-WatcherSource = Literal["caregiver", "experimenter"]
+OtherPersonSource = Literal["caregiver", "experimenter"]
 """Sources that the pages of caregiver and experimenter report."""
-Source = HeadSource | ClientSource | WatcherSource
+CommandSource = HeadSource | ClientSource | OtherPersonSource
 """Source of a command: a head gesture, gaze at or away from the tool, dwell on an icon, a switch, a button of page or
 gamepad, a key, or another person."""
 
@@ -28,7 +28,7 @@ class RobotCommand:
         return self.labels.get(language.partition("-")[0], self.labels["en"])
 
 
-COMMANDS: Mapping[CommandName, RobotCommand] = {
+ROBOT_COMMANDS: Mapping[CommandName, RobotCommand] = {
     "ready": RobotCommand(
         "the robot continues from its waiting pose to mouth or arm", {"en": "Ready", "de": "Bereit"}
     ),
@@ -54,10 +54,10 @@ COMMAND_NAMES: tuple[CommandName, ...] = get_args(CommandName)
 COMMAND_INDEX: Mapping[str, int] = {name: index for index, name in enumerate(COMMAND_NAMES)}
 HEAD_SOURCES: tuple[HeadSource, ...] = get_args(HeadSource)
 CLIENT_SOURCES: tuple[ClientSource, ...] = get_args(ClientSource)
-WATCHER_SOURCES: tuple[WatcherSource, ...] = get_args(WatcherSource)
-SOURCES: tuple[Source, ...] = (*HEAD_SOURCES, *CLIENT_SOURCES, *WATCHER_SOURCES)
+OTHER_PERSON_SOURCES: tuple[OtherPersonSource, ...] = get_args(OtherPersonSource)
+COMMAND_SOURCES: tuple[CommandSource, ...] = (*HEAD_SOURCES, *CLIENT_SOURCES, *OTHER_PERSON_SOURCES)
 
-LIMITED_SOURCES: Mapping[str, tuple[CommandName, ...]] = {
+COMMANDS_BY_LIMITED_SOURCE: Mapping[str, tuple[CommandName, ...]] = {
     "nod": ("ready",),
     "shake": ("wait",),
     "gaze": ("ready", "wait"),
@@ -65,6 +65,6 @@ LIMITED_SOURCES: Mapping[str, tuple[CommandName, ...]] = {
 """Allowed commands by source. Sources that are not listed can give every command."""
 
 
-def commands_of(source: Source) -> tuple[CommandName, ...]:
+def commands_of_source(source: CommandSource) -> tuple[CommandName, ...]:
     """Returns the commands that a source can give."""
-    return LIMITED_SOURCES.get(source, COMMAND_NAMES)
+    return COMMANDS_BY_LIMITED_SOURCE.get(source, COMMAND_NAMES)

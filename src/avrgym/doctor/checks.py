@@ -5,45 +5,46 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.doctor import connections, graphics, installation, machine
-from avrgym.doctor.finding import Check, Finding, error
+from avrgym.doctor.finding import Check, Finding, error_finding
 from avrgym.doctor.installation import requirements_of, user_extras
 from avrgym.system.files import user_data_folder
-from avrgym.vr.server.addresses import PORT
-from avrgym.vr.server.certificate import certificate_in, lan_names
+from avrgym.vr.server.addresses import DEFAULT_PORT
+from avrgym.vr.server.certificate import certificate_paths, lan_names
 
-CHECKS = (
+COMPUTER_CHECKS = (
     Check("Python", lambda: installation.check_python(platform.python_version())),
     Check("packages", lambda: installation.check_packages(installation.requirements_of())),
     Check(
         "extras", lambda: installation.check_extras({name: requirements_of(name) for name in user_extras()})
     ),
     Check("plug-ins", installation.check_plugins),
-    Check("client", installation.check_client),
+    Check("client", installation.check_browser_client),
     Check("graphics card", graphics.check_graphics_card),
     Check("OpenGL", graphics.check_rendering),
     Check("browser", connections.check_browser),
     Check("headset", connections.check_headset),
-    Check("port", lambda: connections.check_port(PORT)),
+    Check("port", lambda: connections.check_port(DEFAULT_PORT)),
     Check("network", lambda: connections.check_network(lan_names())),
-    Check("firewall", lambda: connections.check_firewall(PORT)),
+    Check("firewall", lambda: connections.check_firewall(DEFAULT_PORT)),
     Check(
-        "certificate", lambda: connections.check_certificate(certificate_in(user_data_folder(), lan_names()))
+        "certificate",
+        lambda: connections.check_certificate(certificate_paths(user_data_folder(), lan_names())),
     ),
-    Check("processors", machine.check_processors),
+    Check("processors", machine.check_processor_count),
     Check("priority", machine.check_real_time_priority),
-    Check("timer", lambda: machine.check_timer(machine.oversleep_s())),
+    Check("timer", lambda: machine.check_sleep_precision(machine.measure_oversleep_s())),
     Check("CPU idle states", machine.check_cpu_idle_states),
     Check("open files", machine.check_open_file_limit),
     Check("disk", lambda: machine.check_free_space(Path.cwd())),
-    Check("this folder", lambda: machine.check_writable(Path.cwd())),
-    Check("data folder", lambda: machine.check_writable(user_data_folder())),
+    Check("this folder", lambda: machine.check_folder_writable(Path.cwd())),
+    Check("data folder", lambda: machine.check_folder_writable(user_data_folder())),
 )
 
 
-def run_checks(checks: tuple[Check, ...] = CHECKS) -> Iterator[tuple[str, Finding]]:
+def run_checks(checks: tuple[Check, ...] = COMPUTER_CHECKS) -> Iterator[tuple[str, Finding]]:
     """Yields the name and the finding of each check. An exception in a check becomes an error."""
     for check in checks:
         try:
             yield check.name, check.run()
         except Exception as failure:  # a broken installation may raise anything
-            yield check.name, error(f"the check failed: {failure!r}", "report this line as an issue")
+            yield check.name, error_finding(f"the check failed: {failure!r}", "report this line as an issue")

@@ -6,15 +6,15 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
-from avrgym.doctor.finding import Finding, ok, warning
+from avrgym.doctor.finding import Finding, ok_finding, warning_finding
 from avrgym.system.files import exposed_paths
 from avrgym.vr.emulation.emulated_headset import find_chromium
-from avrgym.vr.server.addresses import LOOPBACK
-from avrgym.vr.server.certificate import Certificate, reason_to_renew
-from avrgym.vr.server.web_server import ServerError, listen
+from avrgym.vr.server.addresses import LOOPBACK_HOSTS
+from avrgym.vr.server.certificate import Certificate, renewal_reason
+from avrgym.vr.server.web_server import ServerError, open_listener
 
-TIMEOUT_S = 20.0
-UFW = Path("/etc/ufw/ufw.conf")
+COMMAND_TIMEOUT_S = 20.0
+UFW_CONFIG_FILE = Path("/etc/ufw/ufw.conf")
 
 
 def check_browser() -> Finding:
@@ -22,7 +22,7 @@ def check_browser() -> Finding:
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        return warning(
+        return warning_finding(
             "Playwright is not installed; the demo needs it for images", "pip install 'avrgym[browser]'"
         )
     found = find_chromium()
@@ -30,29 +30,33 @@ def check_browser() -> Finding:
         with sync_playwright() as playwright:
             found = playwright.chromium.executable_path
     if not Path(found).is_file():
-        return warning(
+        return warning_finding(
             "Chromium is not installed; the demo needs it for images", "playwright install chromium"
         )
-    return ok(found)
+    return ok_finding(found)
 
 
 def check_headset() -> Finding:
     """Returns the finding whether a headset is connected by cable and allows USB debugging."""
     program = shutil.which("adb")
     if program is None:
-        return warning(
+        return warning_finding(
             "adb is not installed; it connects a Quest or Pico by cable",
             "sudo apt install adb, or Android's platform tools; not needed with --lan or SteamVR",
         )
-    ran = subprocess.run([program, "devices"], capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+    ran = subprocess.run(
+        [program, "devices"], capture_output=True, text=True, timeout=COMMAND_TIMEOUT_S, check=False
+    )
     attached = re.findall(r"^(\S+)\t(.+)$", ran.stdout, re.MULTILINE)
     ready = [serial for serial, state in attached if state == "device"]
     if ready:
-        return ok(f"connected: {', '.join(ready)}")
+        return ok_finding(f"connected: {', '.join(ready)}")
     if attached:
         serial, state = attached[0]
-        return warning(f"{serial} is connected, but {state}", "put the headset on and allow USB debugging")
-    return warning(
+        return warning_finding(
+            f"{serial} is connected, but {state}", "put the headset on and allow USB debugging"
+        )
+    return warning_finding(
         "adb finds no headset", "connect it by USB in developer mode; see docs/how_to/connect_headset.md"
     )
 
@@ -60,54 +64,58 @@ def check_headset() -> Finding:
 def check_port(number: int) -> Finding:
     """Returns the finding whether a server can listen on a port of this computer."""
     try:
-        listen(LOOPBACK[0], number).close()
+        open_listener(LOOPBACK_HOSTS[0], number).close()
     except ServerError as failure:
-        return warning(str(failure).partition(";")[0], "avrgym serve --port 0 chooses a free port")
-    return ok(f"{number} is free")
+        return warning_finding(str(failure).partition(";")[0], "avrgym serve --port 0 chooses a free port")
+    return ok_finding(f"{number} is free")
 
 
 def check_network(names: Sequence[str]) -> Finding:
     """Returns the finding whether this computer has an address in the local network."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
-        return warning(
+        return warning_finding(
             "this computer has no network address, so headsets cannot use --lan",
             "join the headset's network, or use a cable",
         )
-    return ok(", ".join(names))
+    return ok_finding(", ".join(names))
 
 
-def check_firewall(number: int, ufw: Path = UFW) -> Finding:
+def check_firewall(number: int, ufw: Path = UFW_CONFIG_FILE) -> Finding:
     """Returns the finding whether no firewall blocks a port for headsets in the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
-        return warning(
+        return warning_finding(
             "ufw is active and may block headsets with --lan",
             f"sudo ufw allow {number}/tcp, if you have not already",
         )
     program = shutil.which("firewall-cmd")
     if program is None or not _succeeds(program, "--state"):
-        return ok("neither ufw nor firewalld is active")
+        return ok_finding("neither ufw nor firewalld is active")
     if _succeeds(program, f"--query-port={number}/tcp"):
-        return ok(f"firewalld allows {number}/tcp")
-    return warning(
+        return ok_finding(f"firewalld allows {number}/tcp")
+    return warning_finding(
         f"firewalld blocks {number}/tcp for headsets of the network",
         f"sudo firewall-cmd --add-port={number}/tcp",
     )
 
 
 def _succeeds(*command: str) -> bool:
-    return subprocess.run(command, capture_output=True, timeout=TIMEOUT_S, check=False).returncode == 0
+    return (
+        subprocess.run(command, capture_output=True, timeout=COMMAND_TIMEOUT_S, check=False).returncode == 0
+    )
 
 
 def check_certificate(expected: Certificate) -> Finding:
     """Returns the finding whether the certificate of --lan is valid, and that other users cannot read its key."""
     if not expected.certificate_file.exists():
-        return ok(f"none yet; --lan creates one in {expected.certificate_file.parent}")
+        return ok_finding(f"none yet; --lan creates one in {expected.certificate_file.parent}")
     if any(exposed_paths(expected.key_file)):
-        return warning(f"other users can read {expected.key_file}", f"chmod 600 '{expected.key_file}'")
-    reason = reason_to_renew(expected)
+        return warning_finding(
+            f"other users can read {expected.key_file}", f"chmod 600 '{expected.key_file}'"
+        )
+    reason = renewal_reason(expected)
     if reason is not None:
-        return warning(
+        return warning_finding(
             f"{expected.certificate_file}: {reason}",
             "nothing to do: --lan creates a new one, which you must trust again on each headset",
         )
-    return ok(f"{expected.certificate_file}")
+    return ok_finding(f"{expected.certificate_file}")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-State = Literal["ok", "warning", "error"]
+FindingState = Literal["ok", "warning", "error"]
 """``error``: a part of AVR Gym does not work on this computer. ``warning``: a part is limited."""
 
 
@@ -12,7 +12,7 @@ State = Literal["ok", "warning", "error"]
 class Finding:
     """Result of a check: state, message, and instructions to fix the problem (empty if there is none)."""
 
-    state: State
+    state: FindingState
     message: str
     fix: str = ""
 
@@ -25,16 +25,16 @@ class Check:
     run: Callable[[], Finding]
 
 
-def ok(message: str) -> Finding:
+def ok_finding(message: str) -> Finding:
     """Returns a finding in the state ``ok``: no problem was found."""
     return Finding("ok", message)
 
 
-def warning(message: str, fix: str) -> Finding:
+def warning_finding(message: str, fix: str) -> Finding:
     """Returns a finding in the state ``warning``: a part of AVR Gym is limited."""
     return Finding("warning", message, fix)
 
 
-def error(message: str, fix: str) -> Finding:
+def error_finding(message: str, fix: str) -> Finding:
     """Returns a finding in the state ``error``: a part of AVR Gym does not work."""
     return Finding("error", message, fix)

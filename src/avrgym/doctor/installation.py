@@ -7,12 +7,12 @@ from importlib.metadata import PackageNotFoundError, metadata, requires, version
 from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
-from avrgym.doctor.finding import Finding, error, ok, warning
-from avrgym.policies.registry import skipped_plugins
+from avrgym.doctor.finding import Finding, error_finding, ok_finding, warning_finding
+from avrgym.policies.registry import skipped_plugin_errors
 from avrgym.system.extras import DEVELOPER_EXTRAS
-from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, PAGES, ServerError, check_page
+from avrgym.vr.server.web_server import CLIENT_INSTALL_HINT, CLIENT_PAGES, ServerError, check_client_page
 
-SHOWN_PACKAGES = ("mujoco", "numpy", "gymnasium")
+REPORTED_PACKAGES = ("mujoco", "numpy", "gymnasium")
 """Packages whose versions are printed for bug reports."""
 
 
@@ -20,8 +20,8 @@ def check_python(installed: str, requirement: str | None = None) -> Finding:
     """Returns the finding about the Python version. ``requirement``: such as ``>=3.11``; default: that of AVR Gym."""
     required = requirement or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(required).contains(installed, prereleases=True):
-        return ok(f"{installed} on {platform.system()} {platform.machine()}")
-    return error(
+        return ok_finding(f"{installed} on {platform.system()} {platform.machine()}")
+    return error_finding(
         f"{installed}; AVR Gym requires {required}",
         "create a virtual environment with a newer Python and install AVR Gym there",
     )
@@ -31,11 +31,11 @@ def check_packages(requirements: Sequence[Requirement]) -> Finding:
     """Returns the finding whether the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in requirements if _conflicting_version(each) is not None]
     if unmet:
-        return error(_list_unmet(unmet), _install(unmet))
+        return error_finding(_list_unmet(unmet), _install(unmet))
     shown = ", ".join(
-        f"{each.name} {version(each.name)}" for each in requirements if each.name in SHOWN_PACKAGES
+        f"{each.name} {version(each.name)}" for each in requirements if each.name in REPORTED_PACKAGES
     )
-    return ok(f"{len(requirements)} packages meet their requirements; {shown}")
+    return ok_finding(f"{len(requirements)} packages meet their requirements; {shown}")
 
 
 def requirements_of(extra: str = "") -> list[Requirement]:
@@ -70,7 +70,7 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
     """
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
-        return warning(_list_unmet(wrong), _install(wrong))
+        return warning_finding(_list_unmet(wrong), _install(wrong))
     installed = [
         name
         for name, required in requirements.items()
@@ -78,25 +78,27 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
     ]
     missing = [name for name in requirements if name not in installed]
     without = f"; `pip install 'avrgym[{','.join(missing)}]'` installs the others" if missing else ""
-    return ok(f"installed: {', '.join(installed) or 'none'}{without}")
+    return ok_finding(f"installed: {', '.join(installed) or 'none'}{without}")
 
 
-def check_client() -> Finding:
+def check_browser_client() -> Finding:
     """Returns the finding whether the pages of the browser client are installed."""
     try:
-        for page in PAGES:
-            check_page(page)
+        for page in CLIENT_PAGES:
+            check_client_page(page)
     except ServerError:
-        return error("the browser client is missing", CLIENT_INSTALL_HINT)
-    return ok("the pages of participant, experimenter and replay are installed")
+        return error_finding("the browser client is missing", CLIENT_INSTALL_HINT)
+    return ok_finding("the pages of participant, experimenter and replay are installed")
 
 
 def check_plugins() -> Finding:
     """Returns the finding whether all plug-ins of other packages can be loaded."""
-    skipped = skipped_plugins()
+    skipped = skipped_plugin_errors()
     if skipped:
-        return warning(f"skipped {'; '.join(skipped)}", "fix or uninstall that package; other packages work")
-    return ok("all plug-ins can be loaded")
+        return warning_finding(
+            f"skipped {'; '.join(skipped)}", "fix or uninstall that package; other packages work"
+        )
+    return ok_finding("all plug-ins can be loaded")
 
 
 def _conflicting_version(requirement: Requirement) -> str | None:

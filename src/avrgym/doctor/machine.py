@@ -10,28 +10,32 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from avrgym.doctor.finding import Finding, error, ok, warning
+from avrgym.doctor.finding import Finding, error_finding, ok_finding, warning_finding
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import cpu_idle
-from avrgym.vr.server.connection_limits import FILE_HANDLE_DIVISOR, MAX_UNAUTHENTICATED, max_open_files
-from avrgym.vr.server.real_time_loop import PRIORITY, use_real_time_priority
+from avrgym.vr.server.connection_limits import (
+    FILE_HANDLE_DIVISOR,
+    MAX_UNAUTHENTICATED_CONNECTIONS,
+    max_open_files,
+)
+from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY, use_real_time_priority
 
-SLEEP_COUNT = 20
-OVERSLEEP_SHARE = 0.2
-"""Maximum allowed oversleep as a share of a tick, see ``oversleep_s``."""
+SLEEP_SAMPLE_COUNT = 20
+MAX_OVERSLEEP_SHARE = 0.2
+"""Maximum allowed oversleep as a share of a tick, see ``measure_oversleep_s``."""
 BYTES_PER_TRIAL = 1_000_000
 """Size of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
-FEW_TRIALS, VERY_FEW_TRIALS = 1000, 100
+WARNING_TRIAL_COUNT, ERROR_TRIAL_COUNT = 1000, 100
 
 
-def check_processors() -> Finding:
+def check_processor_count() -> Finding:
     """Returns the finding whether there are at least two processors."""
     count = _processor_count()
     if count > 1:
-        return ok(f"{count}")
-    return warning("one, shared by simulation and server", "provide two or more processors")
+        return ok_finding(f"{count}")
+    return warning_finding("one, shared by simulation and server", "provide two or more processors")
 
 
 def _processor_count() -> int:
@@ -41,13 +45,13 @@ def _processor_count() -> int:
 def check_real_time_priority() -> Finding:
     """Returns the finding whether the simulation's thread may have real-time priority."""
     if sys.platform != "linux" or _processor_count() == 1:
-        return ok("not available on this system")
+        return ok_finding("not available on this system")
     with ThreadPoolExecutor(1) as thread:
         if thread.submit(use_real_time_priority).result():
-            return ok("the simulation's thread may have real-time priority")
-    return warning(
+            return ok_finding("the simulation's thread may have real-time priority")
+    return warning_finding(
         "the simulation's thread may not have real-time priority, so a busy computer delays it",
-        f"put `{_user()} - rtprio {PRIORITY}` into /etc/security/limits.conf and log in again",
+        f"put `{_user()} - rtprio {REAL_TIME_PRIORITY}` into /etc/security/limits.conf and log in again",
     )
 
 
@@ -59,25 +63,25 @@ def _user() -> str:
         return str(os.getuid())
 
 
-def oversleep_s() -> float:
+def measure_oversleep_s() -> float:
     """Returns the median oversleep in seconds: actual minus requested duration of a sleep of one tick."""
     excesses_s: list[float] = []
-    for _ in range(SLEEP_COUNT):
+    for _ in range(SLEEP_SAMPLE_COUNT):
         began = time.monotonic()
         time.sleep(TICK_S)
         excesses_s.append(time.monotonic() - began - TICK_S)
     return median(excesses_s)
 
 
-def check_timer(excess_s: float) -> Finding:
+def check_sleep_precision(excess_s: float) -> Finding:
     """Returns the finding whether sleeps are precise enough for ticks of 10 ms.
 
-    ``excess_s``: result of ``oversleep_s``.
+    ``excess_s``: result of ``measure_oversleep_s``.
     """
     text = f"a sleep of {1000 * TICK_S:.0f} ms is {1000 * excess_s:.1f} ms too long"
-    if excess_s <= OVERSLEEP_SHARE * TICK_S:
-        return ok(text)
-    return warning(text, "close other programs, and set the computer to its highest performance")
+    if excess_s <= MAX_OVERSLEEP_SHARE * TICK_S:
+        return ok_finding(text)
+    return warning_finding(text, "close other programs, and set the computer to its highest performance")
 
 
 def check_cpu_idle_states(
@@ -88,10 +92,10 @@ def check_cpu_idle_states(
     In a virtual machine, this requires write access to ``latency``.
     """
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
-        return ok("idle processors wake immediately")
+        return ok_finding("idle processors wake immediately")
     if os.access(latency, os.W_OK, effective_ids=True):
-        return ok("the processors of this virtual machine can be kept awake")
-    return warning(
+        return ok_finding("the processors of this virtual machine can be kept awake")
+    return warning_finding(
         "the processors of this virtual machine cannot be kept awake, so ticks may be late",
         f"sudo chmod o+w {latency}, which lasts until the next start",
     )
@@ -103,27 +107,27 @@ def check_open_file_limit(number: int | None = None) -> Finding:
     ``number``: the maximum number; default: the limit of this process.
     """
     allowed = max_open_files() if number is None else number
-    needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
+    needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
     if allowed >= needed:
-        return ok(f"{allowed}")
-    return warning(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
+        return ok_finding(f"{allowed}")
+    return warning_finding(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")
 
 
-def check_writable(folder: Path) -> Finding:
+def check_folder_writable(folder: Path) -> Finding:
     """Returns the finding whether files can be written and locked in a folder, or that the folder can be created."""
     place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
             write_atomically(Path(trial) / "file", b"written")
             with lock_folder(Path(trial)):
-                return ok(f"{folder}" if place == folder else f"{folder} can be created")
+                return ok_finding(f"{folder}" if place == folder else f"{folder} can be created")
     except OSError as failure:
-        return error(
+        return error_finding(
             f"{place} is not writable: {failure.strerror}",
             f"choose another folder, or sudo chown {_user()} '{place}'",
         )
     except ValueError as failure:
-        return error(str(failure), "a network file system may lack locks: use a local folder")
+        return error_finding(str(failure), "a network file system may lack locks: use a local folder")
 
 
 def check_free_space(folder: Path) -> Finding:
@@ -136,9 +140,9 @@ def check_free_bytes(free_bytes: int) -> Finding:
     trials = free_bytes // BYTES_PER_TRIAL
     text = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"
-    if trials < VERY_FEW_TRIALS:
-        return error(text, fix)
-    return warning(text, fix) if trials < FEW_TRIALS else ok(text)
+    if trials < ERROR_TRIAL_COUNT:
+        return error_finding(text, fix)
+    return warning_finding(text, fix) if trials < WARNING_TRIAL_COUNT else ok_finding(text)
 
 
 def _existing_parent(folder: Path) -> Path:

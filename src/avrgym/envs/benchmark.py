@@ -14,14 +14,14 @@ from mujoco.batch import Batch
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import to_device_of
 from avrgym.models.cameras import IMAGE_KINDS, WRIST_CAMERA, CameraSpec
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.simulation.engines.engine import Engine
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 
-RUNS = 5
+NUM_RUNS = 5
 """Number of repeated measurements of an environment."""
 
 
@@ -54,10 +54,10 @@ class _Run:
     physics_s: float
 
 
-def measure_simulation(
+def measure_simulation_speed(
     environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
-    """Measures the speed of an environment ``RUNS`` times. Returns medians. ``progress`` is called after each run.
+    """Measures the speed of an environment ``NUM_RUNS`` times. Returns medians. ``progress`` is called after each run.
 
     Raises:
         ValueError: for an unknown environment or engine, or fewer than one world.
@@ -70,7 +70,7 @@ def measure_simulation(
     )
     _run(episodes, seed=0, steps=2)
     runs: list[_Run] = []
-    for seed in range(RUNS):
+    for seed in range(NUM_RUNS):
         runs.append(_run(episodes, seed, EPISODE_STEPS))
         progress()
     steps = num_envs * EPISODE_STEPS
@@ -82,14 +82,14 @@ def measure_simulation(
         threads=episodes.simulation.batch.nthread,
         steps_per_second=median(steps / (run.reset_s + run.episode_s) for run in runs),
         reset_ms_per_env=median(1000.0 * run.reset_s / num_envs for run in runs),
-        physics_steps_per_second=median(SUBSTEPS * steps / run.physics_s for run in runs),
+        physics_steps_per_second=median(DEFAULT_SUBSTEPS * steps / run.physics_s for run in runs),
         ratio=median(run.physics_s / (run.reset_s + run.episode_s) for run in runs),
     )
 
 
 CAMERA_SIZES_PX = ((64, 64), (128, 128), (640, 480))
 """Width and height of the measured images."""
-FRAMES = 10
+NUM_IMAGES = 10
 """Number of images of one kind and size in a measurement."""
 
 
@@ -104,8 +104,8 @@ class CameraSpeed:
     frames_per_second: float
 
 
-def measure_cameras(
-    environment_id: str, progress: Callable[[], None] = lambda: None, frames: int = FRAMES
+def measure_camera_speed(
+    environment_id: str, progress: Callable[[], None] = lambda: None, frames: int = NUM_IMAGES
 ) -> list[CameraSpeed]:
     """Measures the image rate of the wrist camera. Returns one row for each kind and size of images.
 
@@ -147,12 +147,12 @@ def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
     commands: list[FloatArray] = []
     for action in actions:
         episodes.step(action)
-        commands.append(episodes.simulation.controls())
-    episodes.check()  # this waits until a device has finished
+        commands.append(episodes.simulation.servo_commands())
+    episodes.check_device_results()  # this waits until a device has finished
     episode_s = perf_counter() - began
     if apart is None:  # a second set of worlds would need twice the memory of the device
         _reset(episodes, seed)
-        return _Run(reset_s, episode_s, _physics_s(engine, engine.now.ctrl, engine.step, commands))
+        return _Run(reset_s, episode_s, _physics_s(engine, engine.world_arrays.ctrl, engine.step, commands))
     return _Run(
         reset_s, episode_s, _physics_s(engine, apart.bind("ctrl"), partial(apart.step, None), commands)
     )
@@ -170,8 +170,8 @@ def _physics_s(engine: Engine, ctrl: Any, step: Callable[[int], None], commands:
     began = perf_counter()
     for command in commands:
         ctrl[:] = command
-        step(SUBSTEPS)
-    engine.check()
+        step(DEFAULT_SUBSTEPS)
+    engine.check_overflow()
     return perf_counter() - began
 
 

@@ -15,17 +15,17 @@ from pettingzoo import ParallelEnv
 from avrgym.array_types import Float32Array, FloatArray
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.single import check_render_mode, info_of, metadata_of, spaces_of
-from avrgym.envs.vector_conventions import check_length, python_seed
+from avrgym.envs.vector_conventions import check_episode_length, python_seed
 from avrgym.models.human import Person, as_person
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import as_settings
+from avrgym.tasks.settings import settings_from_values
 
 Action = Float32Array
 
-ROBOT, HUMAN = "robot", "human"
+ROBOT_AGENT, HUMAN_AGENT = "robot", "human"
 
 
 class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
@@ -61,7 +61,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         """
         check_render_mode(render_mode, environment_id)
         self.render_mode, self._shared_reward = render_mode, shared_reward
-        check_length(max_episode_steps)
+        check_episode_length(max_episode_steps)
         self.max_episode_steps = max_episode_steps
         self.episodes = Episodes(
             environment_id,
@@ -72,16 +72,19 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             human_actions=True,
             num_threads=1,
             force_guard=force_guard,
-            settings=as_settings(settings),
+            settings=settings_from_values(settings),
         )
         self.metadata = {**metadata_of(self.episodes), "name": environment_id}
-        self.joints = self.episodes.offered_joints
+        self.human_joints = self.episodes.offered_joints
         """Joints that the human's action moves, in the order of the action."""
-        self.possible_agents, self.agents = [ROBOT, HUMAN], []
-        bound, (seen, acted) = self.episodes.human_view.bound, spaces_of(self.episodes)
-        self.observation_spaces = {ROBOT: seen, HUMAN: gym.spaces.Box(-bound, bound, dtype=np.float64)}
-        human_acts = gym.spaces.Box(-1.0, 1.0, (len(self.joints),), np.float32)
-        self.action_spaces = {ROBOT: acted, HUMAN: human_acts}
+        self.possible_agents, self.agents = [ROBOT_AGENT, HUMAN_AGENT], []
+        bound, (seen, acted) = self.episodes.human_observer.bound, spaces_of(self.episodes)
+        self.observation_spaces = {
+            ROBOT_AGENT: seen,
+            HUMAN_AGENT: gym.spaces.Box(-bound, bound, dtype=np.float64),
+        }
+        human_acts = gym.spaces.Box(-1.0, 1.0, (len(self.human_joints),), np.float32)
+        self.action_spaces = {ROBOT_AGENT: acted, HUMAN_AGENT: human_acts}
         self._random: np.random.Generator | None = None
         self._steps_left = 0
 
@@ -145,8 +148,8 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
             {agent: info_of(step) for agent in agents},
         )
 
-    def _observations(self, step: Step) -> dict[str, FloatArray]:
-        return {ROBOT: step.observation[0], HUMAN: self.episodes.human_observation()[0]}
+    def _observations(self, step: StepOutcome) -> dict[str, FloatArray]:
+        return {ROBOT_AGENT: step.observation[0], HUMAN_AGENT: self.episodes.human_observation()[0]}
 
     def _checked(self, actions: Mapping[str, Action]) -> list[FloatArray]:
         """Returns the actions of robot and human as arrays of floats. Raises ``ValueError`` for invalid actions."""

@@ -11,10 +11,10 @@ from collections.abc import Iterable
 import gymnasium as gym
 
 from avrgym.system import plugins
-from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS
+from avrgym.tasks.constants import EPISODE_STEPS, PACKAGED_ENVIRONMENTS
 
 
-def register() -> None:
+def register_environments() -> None:
     """Register one Gymnasium environment for each pair of task and robot."""
     for environment_id in _environment_ids():
         gym.register(
@@ -28,8 +28,8 @@ def register() -> None:
 
 def _environment_ids() -> Iterable[str]:
     """Returns the ids of all environments. If no plug-ins are installed, no task is imported."""
-    if not (plugins.entry_points_of(plugins.TASKS) or plugins.entry_points_of(plugins.ROBOTS)):
-        return ENVIRONMENTS
+    if not (plugins.entry_points_of(plugins.TASK_GROUP) or plugins.entry_points_of(plugins.ROBOT_GROUP)):
+        return PACKAGED_ENVIRONMENTS
     from avrgym.tasks import registry
 
     return registry.ENVIRONMENTS

@@ -7,15 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from avrgym.models import human
-from avrgym.models.cameras import add_surroundings, rendering_options, update_positions
+from avrgym.models.cameras import add_surroundings, rendering_options, update_poses
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M, Person
-from avrgym.models.scene import build_spec
+from avrgym.models.scene import build_scene_spec
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
-HEIGHT_PX, WIDTH_PX = 480, 640
+IMAGE_HEIGHT_PX, IMAGE_WIDTH_PX = 480, 640
 """Default height and width of images."""
-SHADOW_PX = 2048
+SHADOW_MAP_SIZE_PX = 2048
 """Size of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. It reduces the rendering time
 without a graphics card by a quarter."""
 EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
@@ -30,8 +30,8 @@ class Camera:
         episodes: Episodes,
         world: int,
         *,
-        width_px: int = WIDTH_PX,
-        height_px: int = HEIGHT_PX,
+        width_px: int = IMAGE_WIDTH_PX,
+        height_px: int = IMAGE_HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
         """Build the scene of the current episode with its appearance.
@@ -43,12 +43,14 @@ class Camera:
         """
         self._episodes, self._world = episodes, world
         scene, simulation = episodes.scene, episodes.simulation
-        spec = build_spec(scene, episodes.person_in(world), moving=simulation.moving, appearance=True)
+        spec = build_scene_spec(
+            scene, episodes.person_of_world(world), moving=simulation.moving, appearance=True
+        )
         add_surroundings(spec)
-        _add_eyes(spec, episodes.person_in(world))
+        _add_eyes(spec, episodes.person_of_world(world))
         self._model = spec.compile()
         self._model.vis.global_.offheight, self._model.vis.global_.offwidth = height_px, width_px
-        self._model.vis.quality.shadowsize = SHADOW_PX
+        self._model.vis.quality.shadowsize = SHADOW_MAP_SIZE_PX
         placed = simulation.batch.get_model(world)
         self._model.body_pos[:], self._model.body_quat[:] = placed.body_pos, placed.body_quat
         self._data = mujoco.MjData(self._model)
@@ -59,9 +61,9 @@ class Camera:
             self._viewpoint = _camera(episodes.task.views.of_mount(scene.mount))
         self._renderer = _renderer(self._model, width_px, height_px)
 
-    def picture(self) -> NDArray[np.uint8]:
+    def render(self) -> NDArray[np.uint8]:
         """Returns an RGB image (``height_px``, ``width_px``, 3) of the current state."""
-        update_positions(self._model, self._data, self._episodes.simulation.qpos(self._world))
+        update_poses(self._model, self._data, self._episodes.simulation.qpos(self._world))
         self._renderer.update_scene(self._data, self._viewpoint, rendering_options())
         self._add_marks()
         return self._renderer.render()
@@ -70,7 +72,7 @@ class Camera:
         marks, scene = self._episodes.task.marks, self._renderer.scene
         if marks is None:
             return
-        for place in self._episodes.marks_w()[self._world]:
+        for place in self._episodes.marker_positions_w()[self._world]:
             mujoco.mjv_initGeom(
                 scene.geoms[scene.ngeom],
                 mujoco.mjtGeom.mjGEOM_SPHERE,
@@ -108,7 +110,7 @@ class Renderer:
             return None
         if self._camera is None:
             self._camera = Camera(self.episodes, 0)
-        return self._camera.picture()
+        return self._camera.render()
 
     def close(self) -> None:
         """Free the camera. The next image creates a new one."""
@@ -123,7 +125,7 @@ class Renderer:
 
 def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
     """Add a camera at the position of the person's headset."""
-    sites = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
+    sites = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m])).site_pos
     x, y, z = sites["head_centre"][0]
     spec.body(human.PREFIX + "head").add_camera(
         name=EYES_CAMERA,
@@ -134,11 +136,11 @@ def _add_eyes(spec: mujoco.MjSpec, person: Person) -> None:
 
 
 def _hide_head(model: mujoco.MjModel) -> None:
-    from avrgym.models.human_shape import HEAD_PARTS
-    from avrgym.tasks.camera_images import HIDDEN_GROUP
+    from avrgym.models.human_shape import HEAD_SKIN_PARTS
+    from avrgym.tasks.camera_images import HIDDEN_GEOM_GROUP
 
-    for part in HEAD_PARTS:
-        model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GROUP
+    for part in HEAD_SKIN_PARTS:
+        model.skin_group[model.skin(human.PREFIX + part).id] = HIDDEN_GEOM_GROUP
 
 
 def _camera(view: View) -> mujoco.MjvCamera:

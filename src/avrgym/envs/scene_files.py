@@ -16,26 +16,27 @@ from PIL import Image
 from avrgym.array_types import FloatArray
 from avrgym.models import compliance
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.colours import skin_colours, texture_mean
-from avrgym.models.scene import build_spec
-from avrgym.simulation.worlds import MAX_LEAD_RAD
+from avrgym.models.colours import mean_texture_colour, skin_colours
+from avrgym.models.scene import build_scene_spec
+from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
-MJB, MJCF, START, USD = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
+MJB_FILE, MJCF_FILE, START_FILE, USD_FILE = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
 """Names of the written files."""
-EPISODE_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
+EPISODE_MODEL_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
 """Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
-START_KEY = "start"
+START_KEYFRAME = "start"
 """Name of the keyframe with the initial state."""
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
     """Write the scene of the first world at the start of its episode into a new folder.
 
-    The files are ``MJB``, ``MJCF`` with textures, and ``START`` (JSON). The MJB file reproduces the simulation bit for
-    bit but contains no appearance. The MJCF file contains dynamics and appearance, with six significant digits. In MJCF
-    the person is less compliant, because MJCF cannot store the person's higher ``body_invweight0``.
+    The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). The MJB file reproduces the
+    simulation bit for bit but contains no appearance. The MJCF file contains dynamics and appearance, with six
+    significant digits. In MJCF the person is less compliant, because MJCF cannot store the person's higher
+    ``body_invweight0``.
 
     Raises:
         FileExistsError: if the folder exists.
@@ -43,18 +44,18 @@ def write_scene(episodes: Episodes, out: Path) -> None:
     check_new_folder(out)
     out.mkdir(parents=True)
     simulation = episodes.simulation
-    mujoco.mj_saveModel(simulation.batch.get_model(0), str(out / MJB), None)
+    mujoco.mj_saveModel(simulation.batch.get_model(0), str(out / MJB_FILE), None)
     spec = _spec(episodes)
     _embed_meshes(spec)
     _write_textures(spec, out)
-    write_atomically(out / MJCF, spec.to_xml().encode())
+    write_atomically(out / MJCF_FILE, spec.to_xml().encode())
     start = {
         "environment": episodes.environment_id,
-        "person": {name: _plain(value) for name, value in asdict(episodes.person_in(0)).items()},
+        "person": {name: _plain(value) for name, value in asdict(episodes.person_of_world(0)).items()},
         "integration_state": simulation.integration_state().tolist(),
         "versions": {name: version(name) for name in ("avrgym", "mujoco")},
     }
-    write_atomically(out / START, json.dumps(start, indent=1).encode())
+    write_atomically(out / START_FILE, json.dumps(start, indent=1).encode())
 
 
 def check_new_folder(out: Path) -> None:
@@ -84,16 +85,18 @@ def write_usd(episodes: Episodes, file: Path) -> None:
 
 
 def _spec(episodes: Episodes) -> mujoco.MjSpec:
-    """Returns the scene of the first world with its appearance and with the episode's values of ``EPISODE_FIELDS``."""
+    """Returns the scene of the first world with its appearance and with the episode's values of
+    ``EPISODE_MODEL_FIELDS``.
+    """
     scene, simulation = episodes.scene, episodes.simulation
-    spec = build_spec(scene, episodes.person_in(0), moving=simulation.moving, appearance=True)
-    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    spec = build_scene_spec(scene, episodes.person_of_world(0), moving=simulation.moving, appearance=True)
+    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_SERVO_LEAD_RAD)
     model, placed = spec.compile(), simulation.batch.get_model(0)
-    for field in EPISODE_FIELDS:
+    for field in EPISODE_MODEL_FIELDS:
         getattr(model, field)[:] = getattr(placed, field)
     spec.copy_back(model)
     data = _at_start(model, episodes)
-    spec.add_key(name=START_KEY, qpos=data.qpos, act=data.act, ctrl=data.ctrl)
+    spec.add_key(name=START_KEYFRAME, qpos=data.qpos, act=data.act, ctrl=data.ctrl)
     return spec
 
 
@@ -146,12 +149,12 @@ def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjDat
     colours = skin_colours(model)
     for skin in spec.skins:
         number = model.skin(skin.name).id
-        shade = np.append(texture_mean(model, int(model.skin_matid[number])), 1.0)
+        shade = np.append(mean_texture_colour(model, int(model.skin_matid[number])), 1.0)
         first, count = model.skin_vertadr[number], model.skin_vertnum[number]
         vertices = scene.skinvert.reshape(-1, 3)[first : first + count]
         first, count = model.skin_faceadr[number], model.skin_facenum[number]
         faces = model.skin_face[first : first + count]
-        spec.add_mesh(
+        spec.add_trimesh(
             name=skin.name,
             uservert=vertices.ravel(),
             userface=faces.ravel(),

@@ -12,22 +12,22 @@ from gymnasium.error import ResetNeeded
 from avrgym.array_types import Float32Array
 from avrgym.envs.rendering import Renderer
 from avrgym.envs.specs import SerializableSpec
-from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_length, python_seed
+from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_episode_length, python_seed
 from avrgym.models.cameras import (
     STATE_ENTRY,
     AnyCamera,
     AnyObservation,
     CameraSpec,
-    as_cameras,
     image_entries,
+    parse_cameras,
 )
 from avrgym.models.human import Person, as_person
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import as_settings
+from avrgym.tasks.settings import settings_from_values
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
 """Gymnasium's metadata of environments at the default control rate."""
@@ -92,7 +92,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.
         """
         check_render_mode(render_mode, environment_id)
-        check_length(max_episode_steps)
+        check_episode_length(max_episode_steps)
         self.render_mode = render_mode
         self.max_episode_steps = max_episode_steps
         self.episodes = Episodes(
@@ -104,10 +104,10 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             num_threads=1,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
-            settings=as_settings(settings),
+            settings=settings_from_values(settings),
         )
         self.metadata = metadata_of(self.episodes)
-        self._cameras = as_cameras(cameras, self.episodes.scene.robot)
+        self._cameras = parse_cameras(cameras, self.episodes.scene.robot)
         self.observation_space, self.action_space = spaces_of(self.episodes, self._cameras)
         self._steps_left = 0
 
@@ -144,7 +144,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         super().close()
         self.episodes.close_images()
 
-    def _observed(self, step: Step) -> AnyObservation:
+    def _observed(self, step: StepOutcome) -> AnyObservation:
         if not self._cameras:
             return step.observation[0]
         images = self.episodes.images(self._cameras)
@@ -180,7 +180,7 @@ def _requested_length(entry: FrameType | None) -> int:
 single_entry = _SingleEntry()
 
 
-def info_of(step: Step) -> dict[str, Any]:
+def info_of(step: StepOutcome) -> dict[str, Any]:
     """Returns the info of the first world.
 
     Values have Python's types. Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's bools.

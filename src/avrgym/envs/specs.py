@@ -28,26 +28,26 @@ class SerializableSpec:
     def spec(self, spec: EnvSpec | None) -> None:
         self._spec = spec
         if spec is not None:
-            kwargs: dict[str, Any] = plain_data(spec.kwargs)
+            kwargs: dict[str, Any] = to_plain_data(spec.kwargs)
             steps: int | None = kwargs.pop("max_episode_steps", spec.max_episode_steps)
             self._spec = copy.copy(spec)
             self._spec.kwargs, self._spec.max_episode_steps = kwargs, steps
 
 
-def plain_data(value: Any) -> Any:
+def to_plain_data(value: Any) -> Any:
     """Returns a value as JSON types. A person or a camera becomes a dictionary of its fields."""
     if isinstance(value, Person):
-        return plain_data(asdict(value))
+        return to_plain_data(asdict(value))
     if isinstance(value, msgspec.Struct):
-        return plain_data(msgspec.to_builtins(value))
+        return to_plain_data(msgspec.to_builtins(value))
     if isinstance(value, Enum):
-        return plain_data(value.value)
+        return to_plain_data(value.value)
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()  # pyright: ignore[reportUnknownVariableType]
     if isinstance(value, Path):
         return str(value)
     if is_table(value):
-        return {name: plain_data(each) for name, each in value.items()}
+        return {name: to_plain_data(each) for name, each in value.items()}
     if is_array(value):
-        return [plain_data(each) for each in value]
+        return [to_plain_data(each) for each in value]
     return value

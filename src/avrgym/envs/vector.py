@@ -17,23 +17,23 @@ from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import (
     RandomStreams,
     Seeds,
-    World,
-    check_count,
-    check_length,
+    SubEnvironment,
+    check_episode_length,
+    check_positive_integer,
     final_infos,
     infos,
     merge_steps,
     reset_mask,
 )
-from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation, as_cameras
+from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation, parse_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
 from avrgym.tasks.actions import validate_actions
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import as_settings
+from avrgym.tasks.settings import settings_from_values
 
 
 class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
@@ -80,8 +80,8 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         """
         self._views: dict[int, Camera] = {}
         check_render_mode(render_mode, environment_id)
-        check_count("num_envs", num_envs)
-        check_length(max_episode_steps)
+        check_positive_integer("num_envs", num_envs)
+        check_episode_length(max_episode_steps)
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.render_mode = render_mode
         self.num_envs = num_envs
@@ -96,10 +96,10 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             engine=engine,
             withdraw_after_success=withdraw_after_success,
             force_guard=force_guard,
-            settings=as_settings(settings),
+            settings=settings_from_values(settings),
         )
         self.metadata = {**metadata_of(self.episodes), "autoreset_mode": self.autoreset_mode}
-        self._cameras = as_cameras(cameras, self.episodes.scene.robot)
+        self._cameras = parse_cameras(cameras, self.episodes.scene.robot)
         if self._cameras and engine != THREADS:
             raise ValueError(
                 f"engine {engine!r} does not support cameras, because images are rendered on the host; allowed engine: "
@@ -108,11 +108,11 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self.single_observation_space, self.single_action_space = spaces_of(self.episodes, self._cameras)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._now: Step | None = None
+        self._now: StepOutcome | None = None
         self._steps = np.zeros(num_envs, dtype=int)
         self._ended: BoolArray = np.zeros(num_envs, dtype=bool)
         self._random = RandomStreams(num_envs)
-        self._worlds = [World(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
+        self._worlds = [SubEnvironment(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
         """Returns the state for copies, without cameras. A copy continues bit-identically and creates its own
@@ -178,13 +178,13 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         reward = np.where(ended, 0.0, step.reward)
         return self._observed(now), reward, np.zeros(self.num_envs, dtype=bool), truncated, told | final
 
-    def _observed(self, step: Step) -> AnyObservation:
+    def _observed(self, step: StepOutcome) -> AnyObservation:
         """Returns the observations of all worlds. Images show the current state."""
         if not self._cameras:
             return step.observation.copy()
         return {STATE_ENTRY: step.observation.copy(), **self.episodes.images(self._cameras)}
 
-    def _final_infos(self, step: Step, ended: BoolArray) -> dict[str, Any]:
+    def _final_infos(self, step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
         """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
         final = final_infos(step, ended)
         if self._cameras:
@@ -204,7 +204,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
                 'call reset(options={"reset_mask": mask}) to start new ones'
             )
 
-    def _begin(self, world_mask: BoolArray) -> Step:
+    def _begin(self, world_mask: BoolArray) -> StepOutcome:
         """Start episodes in the worlds of a mask (N,). Returns the current step of all worlds."""
         ids = np.nonzero(world_mask)[0]
         if not len(ids) and self._now is not None:
@@ -257,9 +257,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def _picture(self, world: int) -> NDArray[np.uint8]:
         if world not in self._views:
             self._views[world] = Camera(self.episodes, world)
-        return self._views[world].picture()
+        return self._views[world].render()
 
-    def picture(self, world: int) -> NDArray[np.uint8] | None:
+    def render_world(self, world: int) -> NDArray[np.uint8] | None:
         """Returns an image (480, 640, 3) of one world in the render mode ``rgb_array``, else ``None``."""
         return None if self.render_mode is None else self._picture(world)
 

@@ -10,7 +10,7 @@ from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, NumpyArray
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 
 if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
@@ -60,16 +60,16 @@ NO_TIME_LIMIT = -1
 """Value of ``max_episode_steps`` for episodes without a time limit, as in ``gym.make``."""
 
 
-def check_count(name: str, count: object) -> None:
+def check_positive_integer(name: str, count: object) -> None:
     """Raises ``ValueError`` if ``count`` is not an integer of 1 or more."""
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
         raise ValueError(f"{name} is {count!r}; allowed: an integer of 1 or more")
 
 
-def check_length(steps: object) -> None:
+def check_episode_length(steps: object) -> None:
     """Raises ``ValueError`` if ``steps`` is not a valid maximum number of steps of an episode."""
     if steps != NO_TIME_LIMIT:
-        check_count("max_episode_steps", steps)
+        check_positive_integer("max_episode_steps", steps)
 
 
 def python_seed(seed: int | np.integer | None) -> int | None:
@@ -94,24 +94,24 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
     return mask
 
 
-def merge_steps(world_mask: BoolArray, some: Step, others: Step) -> Step:
+def merge_steps(world_mask: BoolArray, some: StepOutcome, others: StepOutcome) -> StepOutcome:
     """Returns a combination of two steps: ``some`` in the worlds of the mask ``world_mask`` (N,), else ``others``."""
     terms = {
         name: _where(world_mask, term, others.reward_terms[name]) for name, term in some.reward_terms.items()
     }
     parts: dict[str, Any] = {
         field.name: _where(world_mask, getattr(some, field.name), getattr(others, field.name))
-        for field in fields(Step)
+        for field in fields(StepOutcome)
         if field.name != "reward_terms" and getattr(some, field.name) is not None
     }
-    return Step(reward_terms=terms, **parts)
+    return StepOutcome(reward_terms=terms, **parts)
 
 
 def _where(world_mask: BoolArray, some: NumpyArray, others: NumpyArray) -> NumpyArray:
     return np.where(world_mask.reshape(-1, *[1] * (some.ndim - 1)), some, others)
 
 
-def infos(step: Step, of: BoolArray) -> dict[str, Any]:
+def infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
     """Returns Gymnasium's infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0.
 
     For each key there is a mask ``_key`` (N,) of the worlds with a value.
@@ -132,7 +132,7 @@ def infos(step: Step, of: BoolArray) -> dict[str, Any]:
     return masked
 
 
-def final_infos(step: Step, ended: BoolArray) -> dict[str, Any]:
+def final_infos(step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
     """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:
@@ -144,7 +144,7 @@ def _masked(values: Mapping[str, Any], of: BoolArray) -> dict[str, Any]:
     return dict(values) | {f"_{name}": of.copy() for name in values}
 
 
-class World:
+class SubEnvironment:
     """One world of a vector environment, with the attributes of a single Gymnasium environment."""
 
     metadata: Mapping[str, Any]
@@ -183,4 +183,4 @@ class World:
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns an image (480, 640, 3) in the render mode ``rgb_array``, else ``None``."""
-        return self._env.picture(self._index)
+        return self._env.render_world(self._index)

@@ -29,7 +29,7 @@ def namespace(*values: AnyArray) -> Any:
     return np
 
 
-def as_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
+def namespace_and_floats(*values: AnyArray) -> tuple[AnyArray, ...]:
     """Returns the array library of the values, followed by each value as a floating-point array of this library.
 
     NumPy values become float64. If one value is an array of another library, all values become arrays of that library.
@@ -81,7 +81,7 @@ def to_numpy(array: AnyArray) -> NumpyArray:
 
 def float_copy(array: ArrayLike) -> AnyArray:
     """Returns a copy as a floating-point array. The caller may change the copy."""
-    xp, numbers = as_floats(array)
+    xp, numbers = namespace_and_floats(array)
     return xp.asarray(numbers, copy=True)
 
 
@@ -90,7 +90,7 @@ def row_indices(array: AnyArray) -> AnyArray:
     return namespace(array).arange(len(array), device=array.device)
 
 
-def active_indices(mask: AnyArray) -> tuple[AnyArray, ...]:
+def indices_to_compute(mask: AnyArray) -> tuple[AnyArray, ...]:
     """Returns index arrays, one per axis, of the elements that must be computed.
 
     With NumPy these are the elements with a true ``mask``. With other libraries they are all elements, because their

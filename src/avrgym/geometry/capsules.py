@@ -9,7 +9,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import as_floats, namespace
+from avrgym.geometry.arrays import namespace, namespace_and_floats
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
@@ -28,7 +28,7 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
     return _length(offset + s * along_a - t * along_b)
 
 
-def point_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
+def point_segment_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
     """Returns the distance (...) in metres of points (..., 3) from segments.
 
     The ends of the segments are ``s0`` and ``s1`` (..., 3).
@@ -105,7 +105,7 @@ def _clamp(x: FloatArray, low: FloatArray | float, high: FloatArray | float) -> 
 
 def _axis_first(*vectors: FloatArray) -> list[FloatArray]:
     """Returns vectors (..., n) with equal numbers of axes, and with the last axis moved to the front."""
-    xp, *arrays = as_floats(*vectors)
+    xp, *arrays = namespace_and_floats(*vectors)
     axes = max(v.ndim for v in arrays)
     order = (axes - 1, *range(axes - 1))
     turned = [xp.permute_dims(v.reshape((1,) * (axes - v.ndim) + v.shape), order) for v in arrays]

@@ -26,11 +26,11 @@ from avrgym.geometry.small_matrices import (
     rows_first,
     rows_last,
     solve_linear,
-    weighted_square,
+    weighted_gram_matrix,
     weighted_sum,
 )
 
-SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+SLIDE_JOINT_TYPE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,20 +45,20 @@ class Chain:
         slides: indices of the joints that are slides.
     """
 
-    pos: FloatArray
-    q: FloatArray
-    axis: FloatArray
+    body_pos: FloatArray
+    body_q: FloatArray
+    joint_axis: FloatArray
     tip_pos: FloatArray
     tip_q: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    slides: frozenset[int] = frozenset()
+    lower_limit: FloatArray
+    upper_limit: FloatArray
+    slide_joints: frozenset[int] = frozenset()
 
     @cached_property
-    def units(self) -> FloatArray:
+    def joint_units(self) -> FloatArray:
         """Unit of each joint's position (J,): 1 rad for a hinge, ``METRES_PER_RADIAN`` for a slide."""
-        units = np.ones(len(self.pos))
-        units[list(self.slides)] = METRES_PER_RADIAN
+        units = np.ones(len(self.body_pos))
+        units[list(self.slide_joints)] = METRES_PER_RADIAN
         return units
 
     @cached_property
@@ -67,8 +67,8 @@ class Chain:
 
         Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix.
         """
-        turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.axis)]
-        offsets, rotations = [*self.pos, self.tip_pos], transforms.to_matrix([*self.q, self.tip_q])
+        turned = [np.eye(3), *(_frame_with_z(axis) for axis in self.joint_axis)]
+        offsets, rotations = [*self.body_pos, self.tip_pos], transforms.to_matrix([*self.body_q, self.tip_q])
         ends = [*turned[1:], np.eye(3)]
         return tuple(
             (_snapped(_product(before.T, offset)), _snapped(_product(_product(before.T, rotation), after).T))
@@ -94,7 +94,7 @@ def _snapped(values: FloatArray) -> list[Any]:
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
 
-def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
+def extract_chain(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) -> Chain:
     """Returns the chain of a model from the frame of body ``base`` to body ``tip``. Bodies without joints are allowed.
 
     Raises:
@@ -128,20 +128,22 @@ def chain_of(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: str) 
     before = [(pos, q), *((p, r) for _, p, r in segments[:-1])]
     ranges = np.stack([_range(model, name) for name in joints])
     return Chain(
-        pos=np.stack([p for p, _ in before]),
-        q=np.stack([r for _, r in before]),
-        axis=np.stack([model.joint(name).axis for name in joints]),
+        body_pos=np.stack([p for p, _ in before]),
+        body_q=np.stack([r for _, r in before]),
+        joint_axis=np.stack([model.joint(name).axis for name in joints]),
         tip_pos=segments[-1][1],
         tip_q=segments[-1][2],
-        lower=ranges[:, 0],
-        upper=ranges[:, 1],
-        slides=frozenset(i for i, name in enumerate(joints) if model.joint(name).type[0] == SLIDE),
+        lower_limit=ranges[:, 0],
+        upper_limit=ranges[:, 1],
+        slide_joints=frozenset(
+            i for i, name in enumerate(joints) if model.joint(name).type[0] == SLIDE_JOINT_TYPE
+        ),
     )
 
 
 def joint_units(types: Sequence[int]) -> FloatArray:
     """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.units``."""
-    return np.where(np.equal(types, SLIDE), METRES_PER_RADIAN, 1.0)
+    return np.where(np.equal(types, SLIDE_JOINT_TYPE), METRES_PER_RADIAN, 1.0)
 
 
 def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
@@ -187,12 +189,12 @@ def prepend_slide(chain: Chain, travel_m: float) -> Chain:
     """
     return replace(
         chain,
-        pos=np.concatenate([np.zeros((1, 3)), chain.pos]),
-        q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.q]),
-        axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.axis]),
-        lower=np.concatenate([[-travel_m], chain.lower]),
-        upper=np.concatenate([[travel_m], chain.upper]),
-        slides=frozenset({0, *(slide + 1 for slide in chain.slides)}),
+        pos=np.concatenate([np.zeros((1, 3)), chain.body_pos]),
+        q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.body_q]),
+        axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.joint_axis]),
+        lower=np.concatenate([[-travel_m], chain.lower_limit]),
+        upper=np.concatenate([[travel_m], chain.upper_limit]),
+        slides=frozenset({0, *(slide + 1 for slide in chain.slide_joints)}),
     )
 
 
@@ -201,9 +203,9 @@ def reach_m(chain: Chain) -> float:
 
     If the first joint is a slide, it is at position zero.
     """
-    travel = np.zeros((len(chain.pos), 2, 3))
-    for slide in chain.slides:
-        travel[slide, :, 2] = chain.lower[slide], chain.upper[slide]
+    travel = np.zeros((len(chain.body_pos), 2, 3))
+    for slide in chain.slide_joints:
+        travel[slide, :, 2] = chain.lower_limit[slide], chain.upper_limit[slide]
     offsets = (offset for offset, _ in chain.links[1:])
     return float(
         sum(transforms.norm(offset + ends).max() for offset, ends in zip(offsets, travel, strict=True))
@@ -212,7 +214,7 @@ def reach_m(chain: Chain) -> float:
 
 def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns joint positions (..., J) with the angles of continuous joints wrapped to ±π."""
-    free = ~np.isfinite(chain.upper)
+    free = ~np.isfinite(chain.upper_limit)
     return np.where(free, np.mod(joint_positions + np.pi, 2.0 * np.pi) - np.pi, joint_positions)
 
 
@@ -229,8 +231,8 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
     lower limit l, w = 1 − 0.5^((r − |r − q + l|) / (0.05 r) + 1). Outside the range the minimum is 0.001 (Kapusta and
     Kemp, "Task-centric optimization of configurations for assistive robots", Autonomous Robots 43, 2019).
     """
-    limited = np.isfinite(chain.upper)
-    lower, upper = np.where(limited, chain.lower, -1.0), np.where(limited, chain.upper, 1.0)
+    limited = np.isfinite(chain.upper_limit)
+    lower, upper = np.where(limited, chain.lower_limit, -1.0), np.where(limited, chain.upper_limit, 1.0)
     half = 0.5 * (upper - lower)
     margins = (half - np.abs(half - joint_positions + lower)) / (JOINT_LIMIT_MARGIN_SHARE * half)
     # the minimum of 0.001 applies below this exponent; powers with lower exponents would overflow
@@ -249,7 +251,7 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     of Kim and Khosla (IROS 1991).
     """
     j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
-    square = weighted_square(j, rows_last(joint_limit_weights(chain, joint_positions)))
+    square = weighted_gram_matrix(j, rows_last(joint_limit_weights(chain, joint_positions)))
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
@@ -257,7 +259,7 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Solution:
+class IKSolution:
     """Result of the inverse kinematics.
 
     ``joint_positions`` (N, J), and the residual errors of position (N,) in metres and rotation (N,) in radians. Without
@@ -286,7 +288,7 @@ def inverse_kinematics(
     iterations: int = MAX_ITERATIONS,
     tolerance: float = 1e-4,
     precision: DTypeLike = np.float64,
-) -> Solution:
+) -> IKSolution:
     """Returns a solution of the inverse kinematics, by damped least squares (Wampler, IEEE Trans. SMC 16(1), 1986).
 
     Solutions are within the joint ranges. The damping is proportional to the squared error (Sugihara, IEEE Trans.
@@ -304,9 +306,12 @@ def inverse_kinematics(
         precision: data type of the computation. ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
     """
     target, metres_per_radian = _target(target_pos, target_q)
-    target, limits = target.astype(precision), np.stack([chain.lower, chain.upper]).astype(precision)
+    target, limits = (
+        target.astype(precision),
+        np.stack([chain.lower_limit, chain.upper_limit]).astype(precision),
+    )
     angles = np.clip(rows_last(start).astype(precision), *limits[..., None])
-    units = chain.units[:, None].astype(precision)
+    units = chain.joint_units[:, None].astype(precision)
     left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
     rows, waiting = np.split(np.arange(len(start)), [BLOCK_ROWS])
     while len(rows):
@@ -320,16 +325,16 @@ def inverse_kinematics(
         angles[:, rows] = after[:, going]
         steps[rows] += 1
         rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
-    found = np.clip(rows_first(angles), chain.lower, chain.upper)
-    return Solution(found, left[0], left[1] / METRES_PER_RADIAN)
+    found = np.clip(rows_first(angles), chain.lower_limit, chain.upper_limit)
+    return IKSolution(found, left[0], left[1] / METRES_PER_RADIAN)
 
 
 RESTARTS = 4
-RESTART_SPREAD_RAD = 1.0
-ACCURACY_M, ACCURACY_RAD = 0.005, 0.05
+MAX_RESTART_OFFSET_RAD = 1.0
+MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.005, 0.05
 
 
-def restart_uniforms(joints: int) -> int:
+def num_restart_uniforms(joints: int) -> int:
     """Returns the number of uniform random numbers that the restarts of one arm with ``joints`` joints need."""
     return RESTARTS * joints
 
@@ -340,9 +345,9 @@ def inverse_kinematics_with_restarts(
     """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
     The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs by
-    at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``restart_uniforms(J)``) determine them. The
-    result of a row is the first solution with errors below 5 mm and 0.05 rad. Without such a solution it is the best
-    one. Continuous joints are wrapped to ±π.
+    at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``num_restart_uniforms(J)``) determine them.
+    The result of a row is the first solution with errors below 5 mm and 0.05 rad. Without such a solution it is the
+    best one. Continuous joints are wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(RESTARTS):
@@ -350,19 +355,21 @@ def inverse_kinematics_with_restarts(
         if not len(rows):
             break
         spread = uniforms[rows, restart * len(seed_pose) : (restart + 1) * len(seed_pose)]
-        start = seed_pose + RESTART_SPREAD_RAD * chain.units * (2.0 * spread - 1.0)
-        best = replace_if_better(
+        start = seed_pose + MAX_RESTART_OFFSET_RAD * chain.joint_units * (2.0 * spread - 1.0)
+        best = replace_worse_solutions(
             best, inverse_kinematics(chain, target_pos[rows], target_q[rows], start), rows
         )
     return wrap_angles(chain, best.joint_positions)
 
 
-def is_accurate(solution: Solution) -> BoolArray:
+def is_accurate(solution: IKSolution) -> BoolArray:
     """Returns a boolean mask (N,) of the rows with errors below 5 mm and 0.05 rad."""
-    return (solution.position_error_m < ACCURACY_M) & (solution.rotation_error_rad < ACCURACY_RAD)
+    return (solution.position_error_m < MAX_POSITION_ERROR_M) & (
+        solution.rotation_error_rad < MAX_ROTATION_ERROR_RAD
+    )
 
 
-def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
+def replace_worse_solutions(old: IKSolution, new: IKSolution, rows: IntArray) -> IKSolution:
     """Returns the solutions ``old`` (N rows), improved by the solutions ``new``.
 
     A solution in ``new`` replaces its row in ``rows`` if its error is smaller.
@@ -370,7 +377,9 @@ def replace_if_better(old: Solution, new: Solution, rows: IntArray) -> Solution:
     cost = new.position_error_m + METRES_PER_RADIAN * new.rotation_error_rad
     old_cost = old.position_error_m[rows] + METRES_PER_RADIAN * old.rotation_error_rad[rows]
     improved = rows[cost < old_cost]
-    merged = Solution(old.joint_positions.copy(), old.position_error_m.copy(), old.rotation_error_rad.copy())
+    merged = IKSolution(
+        old.joint_positions.copy(), old.position_error_m.copy(), old.rotation_error_rad.copy()
+    )
     for name in ("joint_positions", "position_error_m", "rotation_error_rad"):
         getattr(merged, name)[improved] = getattr(new, name)[cost < old_cost]
     return merged
@@ -403,14 +412,14 @@ def _poses(chain: Chain, angles: FloatArray) -> _Poses:
     for i, (offset, rotation) in enumerate(chain.links[:-1]):
         origins[i] = pos = pos + weighted_sum(columns, offset)
         x, y, axes[i] = (weighted_sum(columns, column) for column in rotation)
-        if i in chain.slides:
+        if i in chain.slide_joints:
             pos, columns = pos + angles[i] * axes[i], (x, y, axes[i])
         else:
             columns = (cosine[i] * x + sine[i] * y, cosine[i] * y - sine[i] * x, axes[i])
     offset, rotation = chain.links[-1]
     tip = pos + weighted_sum(columns, offset)
     turned = np.stack([weighted_sum(columns, column) for column in rotation])
-    return _Poses(origins, axes, tip, turned, chain.slides)
+    return _Poses(origins, axes, tip, turned, chain.slide_joints)
 
 
 def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
@@ -453,7 +462,7 @@ def _step(
 ) -> FloatArray:
     """Returns joint positions (J, N) after the step W Jᵀ (J W Jᵀ + damping)⁻¹ error. W is diag(``_free``)."""
     free = _free(angles, limits, _times_error(j, error))
-    system = np.concatenate([weighted_square(j, free), error[:, None]], axis=1)
+    system = np.concatenate([weighted_gram_matrix(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
     step *= np.minimum(1.0, MAX_STEP_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))

@@ -46,7 +46,7 @@ def weighted_sum(columns: Sequence[FloatArray] | FloatArray, factors: Sequence[f
     return reduce(np.add, terms) if terms else np.zeros_like(columns[0])
 
 
-def weighted_square(matrix: FloatArray, weights: FloatArray) -> FloatArray:
+def weighted_gram_matrix(matrix: FloatArray, weights: FloatArray) -> FloatArray:
     """Returns A W Aᵀ (6, 6, N).
 
     ``matrix`` contains the K columns of A (K, 6, N), ``weights`` the diagonal of W (K, N).

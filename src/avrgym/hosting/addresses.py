@@ -2,7 +2,7 @@
 
 from urllib.parse import urlsplit
 
-from avrgym.vr.server.addresses import LOOPBACK
+from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 
 
 def check_address(address: str) -> str:
@@ -19,7 +19,7 @@ def check_address(address: str) -> str:
     is_origin = parts.path in ("", "/") and not parts.query and not parts.fragment and not parts.username
     if parts.scheme not in ("https", "http") or not host or not is_origin:
         raise ValueError(f"{address!r} is not a public address; allowed: https://HOST or https://HOST:PORT")
-    if parts.scheme == "http" and host not in LOOPBACK:
+    if parts.scheme == "http" and host not in LOOPBACK_HOSTS:
         raise ValueError(f"{address!r} has no TLS; browsers allow VR only on https pages")
     return f"{parts.scheme}://{parts.netloc.lower()}"
 

@@ -9,10 +9,10 @@ from typing import Self
 
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage.audit_log import account_actor, add_entry
+from avrgym.study.storage.audit_log import add_log_entry, process_user
 from avrgym.study.storage.rows import StudyEvent, pseudonym_of
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 
 DELETION_REQUESTED = "deletion requested"
 COPY_REQUESTED = "copy of data requested"
@@ -21,8 +21,8 @@ INTERVAL_S = 30.0
 
 def requested(store: Store, name: str) -> list[str]:
     """Returns the pseudonyms of participants with a request of this name."""
-    with store.database.read() as connection:
-        numbers = {each.participant for each in find_all(connection, StudyEvent, name=name)}
+    with store.database.read_transaction() as connection:
+        numbers = {each.participant for each in find_rows(connection, StudyEvent, name=name)}
     return [pseudonym_of(number) for number in sorted(filter(None, numbers))]
 
 
@@ -57,7 +57,7 @@ class RequestedDeletions:
         for pseudonym in sorted(self._unfinished):
             try:
                 delete_participant(self._store, pseudonym)
-                add_entry(self._store, account_actor(), "delete participant", pseudonym, "on request")
+                add_log_entry(self._store, process_user(), "delete participant", pseudonym, "on request")
             except (StudyError, OSError):
                 continue
             self._unfinished.discard(pseudonym)

@@ -21,12 +21,12 @@ from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.request_log import DashboardLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH
-from avrgym.study.storage.states import PARTICIPANT, StudyError
+from avrgym.study.storage.states import PARTICIPANT_TRANSITIONS, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.headset_check import MAX_LATENCY_MS
 from avrgym.vr.protocol.messages import CommandName
-from avrgym.vr.server.authentication import Caller, SameOriginOnly
-from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
+from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware
+from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.web_server import STATIC_FOLDER
 
 MAX_BODY_BYTES = 1 << 13
@@ -54,40 +54,42 @@ def experimenter_app(
 ) -> FastAPI:
     """Returns the web application. ``hosts``: allowed host names of requests."""
 
-    def experimenter(request: Request) -> Caller:
-        caller = tokens.bearer(request.headers)
+    def experimenter(request: Request) -> AuthenticatedClient:
+        caller = tokens.client_of_request(request.headers)
         if caller is None or caller.role != "experimenter":
             raise HTTPException(401, "open the experimenter's address, which the host printed at its start")
         return caller
 
     log = DashboardLog(store)
     app = FastAPI(openapi_url=None)
-    app.add_middleware(SameOriginOnly)
+    app.add_middleware(SameOriginMiddleware)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
-    app.add_exception_handler(StudyError, refuse_with(409))
+    app.add_exception_handler(StudyError, make_error_handler(409))
 
     @app.get("/api/sessions")
-    def read_sessions(caller: Annotated[Caller, Depends(experimenter)]) -> Response:
-        log.view(caller, "view sessions")
+    def read_sessions(caller: Annotated[AuthenticatedClient, Depends(experimenter)]) -> Response:
+        log.log_view(caller, "view sessions")
         return json_response(sessions_view(store, pool, door))
 
     @app.post("/api/door")
-    async def change_door(request: Request, caller: Annotated[Caller, Depends(experimenter)]) -> Response:
-        change = await decode_body(request, DoorChange, MAX_BODY_BYTES)
-        with log.command(caller, "open door" if change.is_open else "close door", None):
+    async def change_door(
+        request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
+    ) -> Response:
+        change = await decode_json_body(request, DoorChange, MAX_BODY_BYTES)
+        with log.log_command(caller, "open door" if change.is_open else "close door", None):
             door.is_open = change.is_open
         return Response(status_code=204)
 
-    def logged(caller: Caller, session_id: str, name: str, act: Callable[[], None]) -> None:
+    def logged(caller: AuthenticatedClient, session_id: str, name: str, act: Callable[[], None]) -> None:
         session = pool.find(session_id)
-        with log.command(caller, name, session.pseudonym if session else None):
+        with log.log_command(caller, name, session.pseudonym if session else None):
             act()
 
     @app.post("/api/sessions/{session_id}/message")
     async def send_message(
-        session_id: str, request: Request, caller: Annotated[Caller, Depends(experimenter)]
+        session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
-        message = await decode_body(request, NewMessage, MAX_BODY_BYTES)
+        message = await decode_json_body(request, NewMessage, MAX_BODY_BYTES)
         await run_in_threadpool(
             logged, caller, session_id, "send message", lambda: pool.message(session_id, message.text)
         )
@@ -95,9 +97,9 @@ def experimenter_app(
 
     def endpoint(name: CommandName) -> Callable[..., Awaitable[Response]]:
         async def command(
-            session_id: str, request: Request, caller: Annotated[Caller, Depends(experimenter)]
+            session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
         ) -> Response:
-            await decode_body(request, CommandRequest, MAX_BODY_BYTES)
+            await decode_json_body(request, CommandRequest, MAX_BODY_BYTES)
             await run_in_threadpool(
                 logged, caller, session_id, f"{name} session", lambda: pool.command(session_id, name)
             )
@@ -132,7 +134,7 @@ def sessions_view(store: Store, pool: SessionPool, door: Door) -> dict[str, Any]
         "session_cpu_share": pool.capacity.cpu_share,
         "missed_share": pool.capacity.missed_share,
         "waiting": pool.waiting,
-        "participants": {state: states.count(state) for state in PARTICIPANT if state in states},
+        "participants": {state: states.count(state) for state in PARTICIPANT_TRANSITIONS if state in states},
         "copies_requested": requested(store, COPY_REQUESTED),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }

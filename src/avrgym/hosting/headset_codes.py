@@ -10,7 +10,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from avrgym.vr.server.session_links import CodeError, TooManyCodesError
+from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 
 CODE_DIGITS = 8
 CODE_VALID_S = 300.0
@@ -51,7 +51,7 @@ class HeadsetCodes:
         with self._lock:
             now_s = self._clock()
             if len(self._wrong_s) == MAX_WRONG_CODES_PER_MINUTE and now_s - self._wrong_s[0] < 60.0:
-                raise TooManyCodesError("too many wrong codes; wait a minute, or open your link")
+                raise TooManyWrongCodesError("too many wrong codes; wait a minute, or open your link")
             token, until_s = self._codes.pop(digits, ("", 0.0))
             if token and until_s > now_s:
                 return token

@@ -12,13 +12,13 @@ from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import read_host_settings
 from avrgym.hosting.tunnel import TunnelRules, Tunnels
 from avrgym.study.dashboard.tokens import StudyTokens
-from avrgym.study.people.experimenters import Experimenters
-from avrgym.study.storage.identity_file import FOLDER as PRIVATE
+from avrgym.study.people.experimenters import ExperimenterTokens
+from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
 from avrgym.study.storage.store import Store
-from avrgym.vr.server.addresses import LOOPBACK
+from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.session_links import SessionLinks
-from avrgym.vr.server.web_server import WebServer, check_page, listen
+from avrgym.vr.server.web_server import WebServer, check_client_page, open_listener
 
 MAX_PARTICIPANT_CONNECTIONS = 1000
 
@@ -31,7 +31,7 @@ class Host:
         store: Store,
         *,
         address: str = "",
-        host: str = LOOPBACK[0],
+        host: str = LOOPBACK_HOSTS[0],
         port: int = 0,
         experimenter_port: int = 0,
         max_sessions: int | None = None,
@@ -54,27 +54,27 @@ class Host:
             ValueError: for an invalid address.
         """
         for page in ("participate.html", "host.html", "index.html"):
-            check_page(page)
+            check_client_page(page)
         self.store, self.door = store, Door()
         settings = read_host_settings(store.folder)
         self._open = ExitStack()
         with ExitStack() as failed:
-            public = failed.enter_context(listen(host, port, behind_proxy=bool(proxies)))
-            own = failed.enter_context(listen(LOOPBACK[0], experimenter_port))
+            public = failed.enter_context(open_listener(host, port, behind_proxy=bool(proxies)))
+            own = failed.enter_context(open_listener(LOOPBACK_HOSTS[0], experimenter_port))
             self.port, self.experimenter_port = int(public.getsockname()[1]), int(own.getsockname()[1])
             self.origin = check_address(address or f"http://localhost:{self.port}")
             failed.pop_all()
         self.pool = SessionPool(store, settings, max_sessions)
-        self._experimenters = Experimenters(store)
+        self._experimenters = ExperimenterTokens(store)
         self.tokens = StudyTokens.of_study(
             store.folder / PRIVATE / "tokens.json", self._experimenters, SessionLinks()
         )
-        local = [f"{name}:{self.port}" for name in LOOPBACK]
+        local = [f"{name}:{self.port}" for name in LOOPBACK_HOSTS]
         origins = frozenset({self.origin, *(f"http://{each}" for each in local)})
         own_tokens = ParticipantTokens.of_study(store)
         limiter = ConnectionLimiter(public, own_tokens, MAX_PARTICIPANT_CONNECTIONS)
         participation = Participation(store, settings, self.pool, self.door, HeadsetCodes(), self.origin)
-        names = [urlsplit(self.origin).hostname or "", *LOOPBACK]
+        names = [urlsplit(self.origin).hostname or "", *LOOPBACK_HOSTS]
         app = participant_app(participation, own_tokens, names, origins, proxies)
         rules = TunnelRules(
             self.pool,
@@ -88,8 +88,8 @@ class Host:
         self._experimenter = self._experimenter_server(ConnectionLimiter(own, self.tokens))
 
     def _experimenter_server(self, limiter: ConnectionLimiter) -> WebServer:
-        app = experimenter_app(self.store, self.pool, self.door, self.tokens, list(LOOPBACK))
-        hosts = frozenset(f"{name}:{self.experimenter_port}" for name in LOOPBACK)
+        app = experimenter_app(self.store, self.pool, self.door, self.tokens, list(LOOPBACK_HOSTS))
+        hosts = frozenset(f"{name}:{self.experimenter_port}" for name in LOOPBACK_HOSTS)
         origins = frozenset(f"http://{each}" for each in hosts)
         rules = TunnelRules(self.pool, limiter, ("watch",), origins, hosts, "experimenter")
         return WebServer(app, limiter, websockets=Tunnels(rules).protocol)
@@ -113,5 +113,5 @@ class Host:
 
     def wait(self) -> None:
         """Wait until a server stops."""
-        while self._public.running and self._experimenter.running:
+        while self._public.is_running and self._experimenter.is_running:
             self._public.wait(0.5)

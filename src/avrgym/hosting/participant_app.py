@@ -54,9 +54,9 @@ from avrgym.study.people.participants import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
-from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT, Caller, Tokens
-from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
-from avrgym.vr.server.session_links import CodeError, TooManyCodesError
+from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT, AuthenticatedClient, Tokens
+from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 from avrgym.vr.server.web_server import STATIC_FOLDER
 
 MAX_BODY_BYTES = 1 << 13
@@ -90,7 +90,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     session: ServiceId = ""
 
 
-class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ConsentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The decision about the shown consent text, with its version and checksum."""
 
     version: str
@@ -98,7 +98,7 @@ class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     agreed: bool
 
 
-class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InclusionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The answer (yes or no) to each inclusion question, by id."""
 
     answers: dict[str, bool]
@@ -125,13 +125,13 @@ class ParticipantTokens(Tokens):
         """Returns the tokens of a study's participants."""
         return cls(**asdict(Tokens.new()), store=store)
 
-    def caller(self, token: str) -> Caller | None:
+    def caller(self, token: str) -> AuthenticatedClient | None:
         """Returns the participant with this token, with the pseudonym as the name; ``None`` for another token."""
         try:
             pseudonym = participant_of_token(self.store, token)
         except StudyError:
             return None
-        return None if pseudonym is None else Caller("participant", pseudonym)
+        return None if pseudonym is None else AuthenticatedClient("participant", pseudonym)
 
 
 class Door:
@@ -164,7 +164,7 @@ class Participation:
         return stage
 
 
-def _decide(own: Participation, pseudonym: str, decision: ConsentDecision) -> None:
+def _decide(own: Participation, pseudonym: str, decision: ConsentRequest) -> None:
     stage = own.check_stage(pseudonym, ConsentStage)
     assert isinstance(stage, ConsentStage)
     if (decision.version, decision.sha256) != (stage.version, stage.sha256):
@@ -177,7 +177,7 @@ def _decide(own: Participation, pseudonym: str, decision: ConsentDecision) -> No
         decline_consent(own.store, pseudonym)
 
 
-def _include(own: Participation, pseudonym: str, inclusion: InclusionAnswers) -> None:
+def _include(own: Participation, pseudonym: str, inclusion: InclusionRequest) -> None:
     own.check_stage(pseudonym, InclusionStage)
     record_inclusion(own.store, pseudonym, inclusion.answers)
 
@@ -216,8 +216,8 @@ def _request_copy(own: Participation, pseudonym: str, _: Confirmation) -> None:
 
 
 ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any], None]]] = {
-    "consent": (ConsentDecision, _decide),
-    "inclusion": (InclusionAnswers, _include),
+    "consent": (ConsentRequest, _decide),
+    "inclusion": (InclusionRequest, _include),
     "safety": (Confirmation, _confirm_safety),
     "waiting-list": (Confirmation, _wait),
     "leave": (Confirmation, _leave),
@@ -266,32 +266,32 @@ def participant_app(
     app.add_middleware(PublicOriginOnly, origins=origins)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
     app.add_exception_handler(InvitationError, _refuse_invitation)
-    app.add_exception_handler(StudyError, refuse_with(409))
-    app.add_exception_handler(OSError, refuse_with(507))
+    app.add_exception_handler(StudyError, make_error_handler(409))
+    app.add_exception_handler(OSError, make_error_handler(507))
 
     def limited(request: Request) -> None:
         if not by_address.allows(client_address(request.scope, proxies)):
             raise HTTPException(429, "too many requests; wait a minute")
 
     def participant(request: Request) -> str:
-        caller = tokens.bearer(request.headers)
+        caller = tokens.client_of_request(request.headers)
         if caller is None:
             limited(request)
             raise HTTPException(401, "open your own link of the study")
-        if not by_participant.allows(caller.name):
+        if not by_participant.allows(caller.experimenter_name):
             raise HTTPException(429, "too many requests; wait a minute")
-        return caller.name
+        return caller.experimenter_name
 
     @app.post("/api/invitation", dependencies=[Depends(limited)])
     async def read_invitation(request: Request) -> Response:
-        given = await decode_body(request, GivenInvitation, MAX_BODY_BYTES)
+        given = await decode_json_body(request, GivenInvitation, MAX_BODY_BYTES)
         await run_in_threadpool(check_invitation, own.store, given.token)
         _check_open(own.door)
         return json_response({"title": own.store.design.title, "languages": _languages(own.store)})
 
     @app.post("/api/participants", dependencies=[Depends(limited)])
     async def take_part(request: Request) -> Response:
-        given = await decode_body(request, Enrolment, MAX_BODY_BYTES)
+        given = await decode_json_body(request, Enrolment, MAX_BODY_BYTES)
         _check_open(own.door)
         _, token = await run_in_threadpool(
             enrol_invited,
@@ -306,10 +306,10 @@ def participant_app(
 
     @app.post("/api/headset", dependencies=[Depends(limited)])
     async def exchange_code(request: Request) -> Response:
-        entered = await decode_body(request, EnteredCode, MAX_BODY_BYTES)
+        entered = await decode_json_body(request, EnteredCode, MAX_BODY_BYTES)
         try:
             return json_response({"token": own.codes.exchange("".join(entered.code.split()))})
-        except TooManyCodesError as error:
+        except TooManyWrongCodesError as error:
             raise HTTPException(429, str(error)) from None
         except CodeError as error:
             raise HTTPException(403, str(error)) from None
@@ -361,7 +361,7 @@ def _endpoint(
 ) -> Callable[..., Awaitable[Response]]:
     async def endpoint(request: Request) -> Response:
         pseudonym = await run_in_threadpool(participant, request)
-        body = await decode_body(request, kind, MAX_BODY_BYTES)
+        body = await decode_json_body(request, kind, MAX_BODY_BYTES)
         await run_in_threadpool(act, own, pseudonym, body)
         return Response(status_code=204)
 

@@ -27,7 +27,7 @@ from avrgym.hosting.session_process import (
 )
 from avrgym.hosting.settings import HostSettings
 from avrgym.hosting.waiting_list import WaitingList, estimate_wait_s
-from avrgym.study.sessions.visit import has_remaining
+from avrgym.study.sessions.visit import has_unfinished_trials
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.child_processes import block_terminal_signals
@@ -35,7 +35,7 @@ from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.session_links import new_link
 
 STEP_S = 0.2
-START_TIMEOUT_S = 120.0
+WORKER_START_TIMEOUT_S = 120.0
 MAX_CRASHES = 5
 """A session whose process has failed this often is not started again. The participant may start a new one."""
 END_TIMEOUT_S = 60.0
@@ -154,8 +154,8 @@ class SessionPool:
         with self._lock:
             if self.session_of(pseudonym) is not None:
                 return None
-            asks_after = bool(self._store.design.items_at("after_session"))
-            if not asks_after and not has_remaining(self._store, pseudonym):
+            asks_after = bool(self._store.design.items_at_moment("after_session"))
+            if not asks_after and not has_unfinished_trials(self._store, pseudonym):
                 raise StudyError(f"{pseudonym} has completed every trial")
             self._failed.pop(pseudonym, None)
             self._waiting.join(pseudonym, self._clock())
@@ -192,7 +192,7 @@ class SessionPool:
             return statistics.median(self._durations_s)
         design = self._store.design
         trial_s = 0.1 * design.trial_steps + 2.0 * design.free_movement_s
-        items_s = SECONDS_PER_ITEM * len(design.items_at("after_trial"))
+        items_s = SECONDS_PER_ITEM * len(design.items_at_moment("after_trial"))
         trials = len(design.tasks) * len(design.robot_policy_pairs)
         practice_s = len(design.tasks) * trial_s if design.practice_policy else 0.0
         planned_s = SECONDS_BEFORE_TRIALS + practice_s + trials * (trial_s + items_s)
@@ -260,7 +260,7 @@ class SessionPool:
 
     def _enforce_times(self, session: HostedSession, now_s: float) -> None:
         if session.state == "starting":
-            if now_s - session.process_began_s > START_TIMEOUT_S:
+            if now_s - session.process_began_s > WORKER_START_TIMEOUT_S:
                 session.process.kill()
             return
         is_present = session.report.is_connected

@@ -13,10 +13,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from avrgym.study.dashboard.tokens import StudyTokens
-from avrgym.study.people.experimenters import Experimenters
+from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.threads import StorageThread
-from avrgym.study.storage.identity_file import FOLDER as PRIVATE
+from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
 from avrgym.study.storage.sessions import record_session_event
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Command, CommandName, Message, Phase, Problem, Status, Timing
@@ -139,7 +139,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
             Store(request.folder) as store,
             ThreadPoolExecutor(1) as workers,
             StorageThread() as storing,
-            Experimenters(store) as experimenters,
+            ExperimenterTokens(store) as experimenters,
             LiveServer(
                 lambda send: StudySessions(
                     store,

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from avrgym.study.design.validation import Tables, ValidationError, parse_toml, read_text
+from avrgym.study.design.validation import StructByKeyPath, ValidationError, parse_toml, read_text
 
 FILE = "host.toml"
 Line = Annotated[str, msgspec.Meta(max_length=500)]
@@ -46,7 +46,7 @@ class HostSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 ENDINGS = ("completed", "screened_out", "withdrawn")
-_TABLES: Tables = {**{(name,): Ending for name in ENDINGS}, ("parameters",): Parameters}
+_TABLES: StructByKeyPath = {**{(name,): Ending for name in ENDINGS}, ("parameters",): Parameters}
 
 
 def read_host_settings(folder: Path) -> HostSettings:

@@ -8,11 +8,11 @@ import msgspec
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import Ending, HostSettings
 from avrgym.study.people.participants import consent_text, participant_texts
-from avrgym.study.sessions.visit import has_remaining
+from avrgym.study.sessions.visit import has_unfinished_trials
 from avrgym.study.storage.rows import Participant, StudyEvent
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all, find_participant, record_event
+from avrgym.study.storage.store import Store, find_participant, find_rows, record_event
 
 SAFETY_CONFIRMED = "safety confirmed"
 ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
@@ -120,8 +120,8 @@ def _session_stage(
 
 def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
     """Returns whether nothing remains, although the end of the session was not stored because its process crashed."""
-    has_questions = bool(store.design.items_at("after_session")) and not pool.error_of(pseudonym)
-    return not has_questions and not has_remaining(store, pseudonym)
+    has_questions = bool(store.design.items_at_moment("after_session")) and not pool.error_of(pseudonym)
+    return not has_questions and not has_unfinished_trials(store, pseudonym)
 
 
 def rounded_minutes(seconds: float) -> int:
@@ -131,13 +131,13 @@ def rounded_minutes(seconds: float) -> int:
 
 def has_confirmed_safety(store: Store, participant: Participant) -> bool:
     """Returns whether the participant has confirmed the safety guide."""
-    with store.database.read() as connection:
-        return bool(find_all(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED))
+    with store.database.read_transaction() as connection:
+        return bool(find_rows(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED))
 
 
 def record_participant_event(store: Store, pseudonym: str, name: str, detail: str = "") -> None:
     """Store an event of a participant."""
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         record_event(connection, name, detail, {"participant": participant.number})
 

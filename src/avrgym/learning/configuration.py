@@ -7,8 +7,13 @@ from typing import Any, Self
 
 import msgspec
 
-from avrgym.learning.hyperparameters import RECURRENT, VISUAL, Hyperparameters, hyperparameters_of
-from avrgym.networks.policy import FILE_SUFFIX
+from avrgym.learning.hyperparameters import (
+    RECURRENT_HYPERPARAMETERS,
+    VISUAL_HYPERPARAMETERS,
+    Hyperparameters,
+    hyperparameters_of,
+)
+from avrgym.networks.policy import POLICY_FILE_SUFFIX
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ORIGINAL, REVISED, TRAIN_ZOO
@@ -16,14 +21,14 @@ from avrgym.people.populations import is_trained_human, people_for_workers
 from avrgym.system.engines import THREADS
 from avrgym.system.files import write_atomically
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
-CONFIGURATION_FILE = "configuration.json"
-RECURRENT_FILE = "adaptive.json"
+FEEDFORWARD_CONFIGURATION_FILE = "configuration.json"
+RECURRENT_CONFIGURATION_FILE = "adaptive.json"
 """Name of the configuration file of a training run with the recipe ``adaptive``."""
-VISUAL_FILE = "visual.json"
+VISUAL_CONFIGURATION_FILE = "visual.json"
 """Name of the configuration file of a training run with the recipe ``visual``."""
-PEOPLE, PEOPLE_SUFFIX = "people", ".toml"
+STORED_PEOPLE_NAME, PEOPLE_FILE_SUFFIX = "people", ".toml"
 """Name of the copied people in the folder of a training run: a people file, or a folder of trained humans."""
 LEARNING_VERSION = 2
 """Version of the training algorithm. A training run is resumed only with the version that started it."""
@@ -39,7 +44,7 @@ RENAMED_KEYS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pairing:
+class JointTrainingSettings:
     """Settings of joint training: robot and human both learn. The human's bodies are drawn from the population.
 
     If ``alternate`` is 0, both agents learn in each update. Otherwise only one agent learns at a time, for
@@ -68,24 +73,24 @@ class TrainingConfiguration:
     threads: int = 0
     force_guard: bool = False
     withdraw_after_success: bool = False
-    settings: Settings = DEFAULTS
+    settings: Settings = DEFAULT_SETTINGS
     episode_steps: int = EPISODE_STEPS
     motion_version: int = MOTION_VERSION
 
     @property
-    def update_steps(self) -> int:
+    def steps_per_update(self) -> int:
         """Returns the number of environment steps in one update: an episode in every world."""
         return self.num_envs * self.episode_steps
 
     @property
-    def updates(self) -> int:
+    def total_updates(self) -> int:
         """Returns the total number of updates."""
-        return -(-self.steps // self.update_steps)
+        return -(-self.steps // self.steps_per_update)
 
     @property
     def total_steps(self) -> int:
         """Returns the total number of environment steps."""
-        return self.updates * self.update_steps
+        return self.total_updates * self.steps_per_update
 
     @property
     @abstractmethod
@@ -95,7 +100,7 @@ class TrainingConfiguration:
     @property
     def imitation_steps(self) -> int:
         """Returns the number of environment steps of imitation."""
-        return self.imitation_updates * self.update_steps
+        return self.imitation_updates * self.steps_per_update
 
     @abstractmethod
     def with_steps(self, steps: int) -> Self:
@@ -115,11 +120,11 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
     steps: int = 2_000_000
     engine: str = THREADS
     learning_version: int = LEARNING_VERSION
-    pairing: Pairing | None = None
+    pairing: JointTrainingSettings | None = None
 
     @property
     def imitation_updates(self) -> int:
-        return min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.update_steps)
+        return min(self.imitation_rounds, int(self.imitation_share * self.steps) // self.steps_per_update)
 
     def with_steps(self, steps: int) -> Self:
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
@@ -144,7 +149,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
     def actor_learns_at(self, steps: int) -> bool:
         """Returns whether the actor learns after ``steps`` environment steps. In the first ``critic_updates`` updates
         after imitation, only the critic learns."""
-        critic_steps = self.critic_updates * self.update_steps
+        critic_steps = self.critic_updates * self.steps_per_update
         return self.imitation_steps == 0 or steps > self.imitation_steps + critic_steps
 
     def learners_at(self, steps: int) -> tuple[bool, bool]:
@@ -153,7 +158,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         alternate = 0 if self.pairing is None else self.pairing.alternate
         if not alternate:
             return True, True
-        update = (steps - self.imitation_steps) // self.update_steps
+        update = (steps - self.imitation_steps) // self.steps_per_update
         return (True, False) if update // alternate % 2 == 0 else (False, True)
 
 
@@ -163,7 +168,7 @@ class RecurrentConfiguration(TrainingConfiguration):
 
     The first updates imitate the task's expert, or the policy ``teacher`` (name or file). ``initial`` is a recurrent
     policy (name or file) with the initial weights; its layer sizes replace ``memory_size`` and ``net_arch``.
-    ``imitation_share`` is ``RECURRENT.imitation_share`` by default, or 0 if there is an initial policy.
+    ``imitation_share`` is ``RECURRENT_HYPERPARAMETERS.imitation_share`` by default, or 0 if there is an initial policy.
     """
 
     people: str = TRAIN_ZOO
@@ -177,23 +182,23 @@ class RecurrentConfiguration(TrainingConfiguration):
 
     @property
     def imitation_updates(self) -> int:
-        least, share = (1, RECURRENT.imitation_share) if self.initial is None else (0, 0.0)
+        least, share = (1, RECURRENT_HYPERPARAMETERS.imitation_share) if self.initial is None else (0, 0.0)
         if self.imitation_share is not None:
             share = self.imitation_share
-        return max(least, round(share * self.updates))
+        return max(least, round(share * self.total_updates))
 
     def with_steps(self, steps: int) -> Self:
         longer = replace(self, steps=steps)
-        if longer.updates < self.updates:
+        if longer.total_updates < self.total_updates:
             raise ValueError(
                 f"--steps is {steps}, but the training run has {self.steps} steps; allowed: {self.steps} or more"
             )
-        return replace(longer, imitation_share=self.imitation_updates / longer.updates)
+        return replace(longer, imitation_share=self.imitation_updates / longer.total_updates)
 
     def ppo_progress(self, update: int) -> float:
         """Returns the completed share of PPO before an update, 0 to 1. It is 0 while only the critic learns."""
-        first = self.imitation_updates + RECURRENT.critic_updates
-        return max(0.0, (update - first) / max(1, self.updates - first))
+        first = self.imitation_updates + RECURRENT_HYPERPARAMETERS.critic_updates
+        return max(0.0, (update - first) / max(1, self.total_updates - first))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,12 +217,12 @@ class VisualConfiguration(TrainingConfiguration):
     camera: str = "wrist:64x64:depth"
 
     @property
-    def update_steps(self) -> int:
-        return self.num_envs * VISUAL.episode_steps
+    def steps_per_update(self) -> int:
+        return self.num_envs * VISUAL_HYPERPARAMETERS.episode_steps
 
     @property
     def imitation_updates(self) -> int:
-        return self.updates
+        return self.total_updates
 
     def with_steps(self, steps: int) -> Self:
         return replace(self, steps=steps)
@@ -234,7 +239,7 @@ def configuration_for(
     impairment: str = "none",
     hyperparameters: Hyperparameters | None = None,
     engine: str = THREADS,
-    pairing: Pairing | None = None,
+    pairing: JointTrainingSettings | None = None,
     **others: Any,
 ) -> FeedforwardConfiguration:
     """Returns the settings for training a feed-forward policy. Default hyperparameters: those of the task.
@@ -257,14 +262,20 @@ def configuration_for(
 
 def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
     """Write a configuration into the folder of its training run."""
-    files: dict[type, str] = {RecurrentConfiguration: RECURRENT_FILE, VisualConfiguration: VISUAL_FILE}
-    path = out / files.get(type(configuration), CONFIGURATION_FILE)
+    files: dict[type, str] = {
+        RecurrentConfiguration: RECURRENT_CONFIGURATION_FILE,
+        VisualConfiguration: VISUAL_CONFIGURATION_FILE,
+    }
+    path = out / files.get(type(configuration), FEEDFORWARD_CONFIGURATION_FILE)
     write_atomically(path, msgspec.json.format(msgspec.json.encode(asdict(configuration))))
 
 
-def contains_training(out: Path) -> bool:
+def contains_training_run(out: Path) -> bool:
     """Returns whether a folder contains a training run."""
-    return any((out / name).exists() for name in (CONFIGURATION_FILE, RECURRENT_FILE, VISUAL_FILE))
+    return any(
+        (out / name).exists()
+        for name in (FEEDFORWARD_CONFIGURATION_FILE, RECURRENT_CONFIGURATION_FILE, VISUAL_CONFIGURATION_FILE)
+    )
 
 
 def read_configuration(out: Path) -> AnyConfiguration:
@@ -275,12 +286,12 @@ def read_configuration(out: Path) -> AnyConfiguration:
     Raises:
         ValueError: if ``out`` contains no training run, or one with another learning version.
     """
-    if not contains_training(out):
+    if not contains_training_run(out):
         raise ValueError(f"{out} contains no training run; allowed: the --out folder of `avrgym train`")
     kinds = {
-        RECURRENT_FILE: RecurrentConfiguration,
-        VISUAL_FILE: VisualConfiguration,
-        CONFIGURATION_FILE: FeedforwardConfiguration,
+        RECURRENT_CONFIGURATION_FILE: RecurrentConfiguration,
+        VISUAL_CONFIGURATION_FILE: VisualConfiguration,
+        FEEDFORWARD_CONFIGURATION_FILE: FeedforwardConfiguration,
     }
     path, kind = next((out / name, kind) for name, kind in kinds.items() if (out / name).exists())
     try:
@@ -317,15 +328,17 @@ def store_people(people: str, out: Path) -> None:
     """Copy a people file, or trained humans, into the folder of a training run."""
     if people in NAMED_DISTRIBUTIONS:
         return
-    copy = out / PEOPLE
+    copy = out / STORED_PEOPLE_NAME
     if not Path(people).is_dir():
-        copy = copy.with_suffix(FILE_SUFFIX if is_trained_human(people) else PEOPLE_SUFFIX)
+        copy = copy.with_suffix(POLICY_FILE_SUFFIX if is_trained_human(people) else PEOPLE_FILE_SUFFIX)
     people_for_workers(people).write(copy)
 
 
-def stored_people(people: str, out: Path) -> str:
+def stored_people_path(people: str, out: Path) -> str:
     """Returns ``people`` if it is the name of a population, otherwise the path of their copy in the folder ``out``."""
     if people in NAMED_DISTRIBUTIONS:
         return people
-    copies = [out / f"{PEOPLE}{suffix}" for suffix in (PEOPLE_SUFFIX, FILE_SUFFIX, "")]
+    copies = [
+        out / f"{STORED_PEOPLE_NAME}{suffix}" for suffix in (PEOPLE_FILE_SUFFIX, POLICY_FILE_SUFFIX, "")
+    ]
     return str(next((copy for copy in copies if copy.exists()), copies[0]))

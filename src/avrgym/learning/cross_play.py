@@ -4,23 +4,23 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from avrgym.learning.evaluation import Evaluation, Progress, evaluate_all
+from avrgym.learning.evaluation import Evaluation, StepReporter, evaluate_all
 from avrgym.people.impairments import find_impairment
 from avrgym.policies import registry
-from avrgym.simulation.engines.engine import check_engine
+from avrgym.simulation.engines.engine import check_engine_name
 from avrgym.system.engines import THREADS
 from avrgym.system.random_streams import TEST, Split
-from avrgym.tasks.constants import ENVIRONMENTS, EPISODE_STEPS, expected_errors
+from avrgym.tasks.constants import EPISODE_STEPS, PACKAGED_ENVIRONMENTS, skippable_errors
 from avrgym.tasks.registry import find_environment
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.world_people import environment_populations
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-ReportOmitted = Callable[[str, Exception], None]
+SkippedEnvironmentReporter = Callable[[str, Exception], None]
 """Function that is called for skipped environments. Arguments: a description of them, and the error."""
-Run = Callable[[Sequence[str]], list[Evaluation]]
+EvaluationFunction = Callable[[Sequence[str]], list[Evaluation]]
 """Function that evaluates one policy with one population in some environments."""
 
 
@@ -30,7 +30,7 @@ def cross_play(
     people: Sequence[str],
     episodes: int,
     seed: int,
-    progress: Progress = lambda steps: None,
+    progress: StepReporter = lambda steps: None,
     *,
     impairment: str = "none",
     split: Split = TEST,
@@ -40,10 +40,10 @@ def cross_play(
     force_guard: bool = False,
     withdraw_after_success: bool = False,
     engine: str = THREADS,
-    settings: Settings = DEFAULTS,
+    settings: Settings = DEFAULT_SETTINGS,
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
-    leave_out: ReportOmitted | None = None,
+    leave_out: SkippedEnvironmentReporter | None = None,
 ) -> list[Evaluation]:
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
@@ -56,11 +56,11 @@ def cross_play(
             ``leave_out``: only if a name is unknown in every environment, or if all evaluations fail.
     """
     find_impairment(impairment)
-    check_engine(engine)
+    check_engine_name(engine)
     for environment_id in environment_ids:
         find_environment(environment_id)
     find_policy = partial(
-        registry.find,
+        registry.resolve_policy,
         settings=settings,
         allow_other_environment=allow_other_environment,
         allow_other_settings=allow_other_settings,
@@ -113,7 +113,7 @@ def _environments_with(
     environment_ids: Sequence[str],
     name: str,
     find: Callable[[str, str], object],
-    leave_out: ReportOmitted | None,
+    leave_out: SkippedEnvironmentReporter | None,
 ) -> set[str]:
     """Returns the environments that have the policy or population ``name``, according to ``find``.
 
@@ -123,7 +123,7 @@ def _environments_with(
     for environment_id in environment_ids:
         try:
             find(name, environment_id)
-        except expected_errors(environment_id) as error:
+        except skippable_errors(environment_id) as error:
             errors[environment_id] = error
             if leave_out is None or len(errors) == len(environment_ids):
                 raise next(iter(errors.values())) from None
@@ -133,14 +133,14 @@ def _environments_with(
 
 
 def _rows(
-    run: Run, environment_ids: Sequence[str], label: str, leave_out: ReportOmitted
+    run: EvaluationFunction, environment_ids: Sequence[str], label: str, leave_out: SkippedEnvironmentReporter
 ) -> Iterator[Evaluation]:
     """Evaluate packaged environments together, and other environments one by one. Yields the results.
 
     If the joint evaluation fails, the packaged environments are evaluated one by one as well.
     """
-    packaged = [each for each in environment_ids if each in ENVIRONMENTS]
-    single = [each for each in environment_ids if each not in ENVIRONMENTS]
+    packaged = [each for each in environment_ids if each in PACKAGED_ENVIRONMENTS]
+    single = [each for each in environment_ids if each not in PACKAGED_ENVIRONMENTS]
     try:
         yield from run(packaged) if packaged else ()
     except (ValueError, RuntimeError) as error:
@@ -151,7 +151,7 @@ def _rows(
     for each in single:
         try:
             yield from run([each])
-        except expected_errors(each) as error:
+        except skippable_errors(each) as error:
             leave_out(f"{each} with {label}", error)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
 from avrgym.models.cameras import CameraSpec, image_entries
-from avrgym.people.motor import NOISE_SHARE
+from avrgym.people.motor import SPEED_NOISE_SHARE
 from avrgym.policies import registry
 from avrgym.system.random_streams import demonstration_generator
 from avrgym.tasks.episodes import Episodes
@@ -45,7 +45,7 @@ class SimulatedOperator:
         self._intended.append(intended)
         fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)
         self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
-        return np.clip(self._intended[0] * (1.0 + NOISE_SHARE * self._noise), -1.0, 1.0)
+        return np.clip(self._intended[0] * (1.0 + SPEED_NOISE_SHARE * self._noise), -1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def _run(
     arrays = {name: np.stack(values, axis=1) for name, values in found.items()}
     for row, number in enumerate(numbers):
         own = {name: array[row] for name, array in arrays.items()}
-        person = world.people.person(row)
+        person = world.people.person_at(row)
         yield DatasetEpisode(
             instruction(world.environment_id, world.settings),
             **{name: own.pop(name) for name in [*own] if name not in image_entries(cameras)},

@@ -13,36 +13,36 @@ from avrgym.people.populations import people_for_workers
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
-from avrgym.simulation.engines.engine import check_engine
+from avrgym.simulation.engines.engine import check_engine_name
 from avrgym.system.engines import THREADS
-from avrgym.system.jobs import cores, report, run_all
+from avrgym.system.jobs import core_count, report_progress, starmap
 from avrgym.system.random_streams import TEST, Split, evaluation_generators
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import find_environment
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-Progress = Callable[[int], None]
+StepReporter = Callable[[int], None]
 
-MAX_WORLDS = 64
+MAX_WORLDS_PER_BATCH = 64
 MIN_EPISODES_PER_PROCESS = 16
 """Minimum number of episodes per process. With fewer episodes, the start of another process takes too long."""
-QUANTILE = NormalDist().inv_cdf(0.975)
+NORMAL_QUANTILE = NormalDist().inv_cdf(0.975)
 """Quantile of the standard normal distribution for two-sided 95 % intervals."""
 
 
-class Results(NamedTuple):
+class EpisodeResults(NamedTuple):
     """Results of n episodes, arrays (n,). ``draws`` is the number of initial states that were sampled until one had
     enough clearance, see ``Evaluation``."""
 
     reward: FloatArray
     success: BoolArray
     force_n: FloatArray
-    loads: RegionLoads
+    loads_by_region: RegionLoads
     interventions: IntArray
     draws: IntArray
     device: str
@@ -113,13 +113,13 @@ def evaluate(
     people: str,
     episodes: int,
     seed: int,
-    progress: Progress = lambda steps: None,
+    progress: StepReporter = lambda steps: None,
     *,
     impairment: str = "none",
     split: Split = TEST,
     force_guard: bool = False,
     engine: str = THREADS,
-    settings: Settings = DEFAULTS,
+    settings: Settings = DEFAULT_SETTINGS,
     steps: int = EPISODE_STEPS,
 ) -> Evaluation:
     """Evaluate a policy in one environment in this process. Returns the results; see ``evaluate_all``."""
@@ -147,7 +147,7 @@ def evaluate_all(
     people: str,
     episodes: int,
     seed: int,
-    progress: Progress = lambda steps: None,
+    progress: StepReporter = lambda steps: None,
     *,
     impairment: str = "none",
     split: Split = TEST,
@@ -157,7 +157,7 @@ def evaluate_all(
     force_guard: bool = False,
     withdraw_after_success: bool = False,
     engine: str = THREADS,
-    settings: Settings = DEFAULTS,
+    settings: Settings = DEFAULT_SETTINGS,
     allow_other_settings: bool = False,
     steps: int = EPISODE_STEPS,
 ) -> list[Evaluation]:
@@ -195,7 +195,7 @@ def evaluate_all(
     for environment_id in environment_ids:
         find_environment(environment_id)
         found.append(
-            registry.find(
+            registry.resolve_policy(
                 policy,
                 environment_id,
                 settings,
@@ -203,12 +203,12 @@ def evaluate_all(
                 allow_other_settings=allow_other_settings,
             )
         )
-    check_engine(engine)
+    check_engine_name(engine)
     total = len(environment_ids) * episodes
-    available = cores() if cluster is None else cluster.count
+    available = core_count() if cluster is None else cluster.max_parallel_calls
     jobs = jobs or (min(available, max(1, total // MIN_EPISODES_PER_PROCESS)) if engine == THREADS else 1)
     threads = max(1, available // jobs) if cluster is None else 1
-    parts = _parts(episodes, min(MAX_WORLDS, -(-total // jobs)))
+    parts = _parts(episodes, min(MAX_WORLDS_PER_BATCH, -(-total // jobs)))
     policy_file, population = TransferredFile.read(policy), people_for_workers(people)
     batches = [
         _Batch(
@@ -247,8 +247,8 @@ def _parts(episodes: int, size: int) -> list[range]:
 
 
 def _run_batches(
-    batches: list[_Batch], jobs: int, cluster: "Cluster | None", progress: Progress
-) -> list[Results]:
+    batches: list[_Batch], jobs: int, cluster: "Cluster | None", progress: StepReporter
+) -> list[EpisodeResults]:
     """Run all batches. Returns the results of each batch, in order."""
     if cluster is None and (jobs == 1 or len(batches) == 1):
         return [_run_batch(batch, progress) for batch in batches]
@@ -259,13 +259,13 @@ def _run_batches(
         progress(done - reported)
         reported = done
 
-    arguments = [(batch, report) for batch in batches]
+    arguments = [(batch, report_progress) for batch in batches]
     if cluster is not None:
-        return cluster.run_all(_run_batch, arguments, report_total)
-    return run_all(_run_batch, arguments, jobs, report_total)
+        return cluster.starmap(_run_batch, arguments, report_total)
+    return starmap(_run_batch, arguments, jobs, report_total)
 
 
-def _run_batch(batch: _Batch, progress: Progress) -> Results:
+def _run_batch(batch: _Batch, progress: StepReporter) -> EpisodeResults:
     world = Episodes(
         batch.environment_id,
         len(batch.episodes),
@@ -282,13 +282,13 @@ def _run_batch(batch: _Batch, progress: Progress) -> Results:
     return _run(world, batch, generators, progress)
 
 
-def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy) -> Evaluation:
+def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.RobotPolicy) -> Evaluation:
     """Combine the results of an environment's batches. Returns one evaluation."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")
     )
-    loads = RegionLoads.concatenate([part.loads for part in results])
+    loads = RegionLoads.concatenate([part.loads_by_region for part in results])
     return Evaluation(
         env=batch.environment_id,
         policy=batch.policy.name,
@@ -306,9 +306,9 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
         engine=batch.engine.partition(":")[0],
         device=results[0].device,
         force_regions=region_statistics(loads),
-        settings=batch.settings.changed,
+        settings=batch.settings.changed_values,
         steps=batch.steps,
-        plugin_differences=registry.changed_since_training(policy, batch.environment_id),
+        plugin_differences=registry.plugin_changes_since_training(policy, batch.environment_id),
         trained_with_force_guard=isinstance(policy, Policy) and policy.metadata.force_guard,
         start_draws_mean=float(draws.mean()),
         start_draws_max=int(draws.max()),
@@ -316,7 +316,7 @@ def _sum_up(batch: _Batch, results: list[Results], policy: registry.RobotPolicy)
     )
 
 
-def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) -> tuple[float, float]:
+def wilson_interval(successes: float, count: float, quantile: float = NORMAL_QUANTILE) -> tuple[float, float]:
     """Returns Wilson's score interval of a proportion, 95 % by default (J. Am. Stat. Assoc. 22, 1927, p. 209).
 
     ``count`` may be an effective sample size. ``quantile`` may be a quantile of Student's t distribution.
@@ -329,11 +329,11 @@ def wilson_interval(successes: float, count: float, quantile: float = QUANTILE) 
 
 
 def _run(
-    world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: Progress
-) -> Results:
+    world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: StepReporter
+) -> EpisodeResults:
     """Run one batch of episodes. Returns the results."""
     count = len(generators)
-    found = registry.find(
+    found = registry.resolve_policy(
         batch.policy.local_path(),
         world.environment_id,
         batch.settings,
@@ -341,7 +341,7 @@ def _run(
         allow_other_settings=batch.allow_other_settings,
     )
     observation = world.reset(np.arange(count), generators)
-    draws = world.start_draws.astype(np.intp)
+    draws = world.start_samples.astype(np.intp)
     reward, force, success = np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool)
     recorder = RegionLoadRecorder(count)
     with registry.open_policy(found, world, generators) as act:
@@ -351,7 +351,7 @@ def _run(
             reward += step.reward
             force += step.force_on_person_n / batch.steps
             progress(count)
-    guard = world.loop.guard
-    interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.interventions
+    guard = world.control_loop.guard
+    interventions = np.zeros(count, dtype=np.intp) if guard is None else guard.num_interventions
     device = world.simulation.engine.device
-    return Results(reward, success, force, recorder.loads(), interventions, draws, device)
+    return EpisodeResults(reward, success, force, recorder.loads(), interventions, draws, device)

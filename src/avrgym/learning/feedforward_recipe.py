@@ -22,36 +22,38 @@ from stable_baselines3.common.utils import configure_logger
 
 from avrgym.array_types import BoolArray
 from avrgym.learning import ppo
-from avrgym.learning.configuration import FeedforwardConfiguration, stored_people
+from avrgym.learning.configuration import FeedforwardConfiguration, stored_people_path
 from avrgym.learning.hard_episodes import HardEpisodes
-from avrgym.learning.hyperparameters import IMITATION
-from avrgym.learning.imitation import Demonstration, Demonstrations, fit
+from avrgym.learning.hyperparameters import IMITATION_HYPERPARAMETERS
+from avrgym.learning.imitation import Demonstration, Demonstrations, fit_actor
 from avrgym.learning.normaliser import ObservationScales, observation_of
-from avrgym.learning.recipe import Update
-from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out_all
-from avrgym.learning.rsl_rl_ppo import DevicePPO, import_libraries
-from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
+from avrgym.learning.recipe import UpdateResults
+from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, cached_worlds, roll_out_agents
+from avrgym.learning.rsl_rl_ppo import DevicePPO, import_rsl_rl
+from avrgym.networks.policy import Policy, PolicyMetadata, TrainedHumanMetadata
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.populations import is_trained_human, people_for_workers, population_label
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.system.files import read_user_text
-from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.human_view import human_observer_of
 from avrgym.tasks.registry import observation_and_action_size
 
 if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
-RollOut = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
-"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_all`` per
+RolloutFunction = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
+"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_agents`` per
 request."""
-LOG_NAMES = "PPO", "human"
+TENSORBOARD_LOG_NAMES = "PPO", "human"
 """Names of the logs of the robot and the human in TensorBoard."""
-WORLDS_PER_WORKER = 64, 128
+WORLDS_PER_WORKER_RANGE = 64, 128
 """Minimum and maximum number of worlds per worker of a cluster. Training runs with few worlds may use fewer."""
 
 
-def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None") -> None:
+def check_configuration(
+    configuration: FeedforwardConfiguration, people: str, cluster: "Cluster | None"
+) -> None:
     """Check the configuration of a training run.
 
     Raises:
@@ -62,7 +64,7 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
         _check_pairing(configuration.environment, people)
     if configuration.engine == THREADS:
         return
-    import_libraries()
+    import_rsl_rl()
     if configuration.force_guard:
         raise ValueError(
             f"the force guard works only with the engine threads; remove --engine {configuration.engine}"
@@ -79,7 +81,7 @@ def check(configuration: FeedforwardConfiguration, people: str, cluster: "Cluste
 
 def _check_pairing(environment: str, people: str) -> None:
     """Raise ``ValueError`` if the human has no actions in the environment, or is a trained human."""
-    _, joints = human_view_of(environment)
+    _, joints = human_observer_of(environment)
     if not joints:
         raise ValueError(
             f"people have no actions in {environment}; allowed for `--recipe pair`: tasks with moving people"
@@ -91,14 +93,14 @@ def _check_pairing(environment: str, people: str) -> None:
         )
 
 
-def num_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
+def num_rollout_requests(configuration: FeedforwardConfiguration, cluster: "Cluster | None") -> int:
     """Returns the number of rollout requests per update: a multiple of the number of workers. The worlds are divided
     among the requests."""
     if cluster is None:
         return 1
-    least, most = WORLDS_PER_WORKER
+    least, most = WORLDS_PER_WORKER_RANGE
     worlds = configuration.num_envs
-    workers = cluster.max_jobs or max(1, min(cluster.count, worlds // least))
+    workers = cluster.max_jobs or max(1, min(cluster.max_parallel_calls, worlds // least))
     workers = min(workers, worlds)
     return workers * -(-worlds // (workers * most))
 
@@ -111,7 +113,7 @@ class FeedforwardRecipe:
         self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
     ) -> None:
         self._configuration, self._out = configuration, out
-        self._people = stored_people(configuration.people, out)
+        self._people = stored_people_path(configuration.people, out)
         threads = configuration.threads if cluster is None else 1
         self._settings = {
             engine: WorldSettings(
@@ -127,9 +129,11 @@ class FeedforwardRecipe:
             )
             for engine in (THREADS, configuration.engine)
         }
-        self._parts = np.array_split(np.arange(configuration.num_envs), num_requests(configuration, cluster))
+        self._parts = np.array_split(
+            np.arange(configuration.num_envs), num_rollout_requests(configuration, cluster)
+        )
         self._roll_out_parts = _roll_out_here if cluster is None else _roll_out_on(cluster)
-        self._policy_update: ppo.PolicyUpdate = ppo.update_on_host
+        self._policy_update: ppo.PolicyUpdateFunction = ppo.update_on_host
         if configuration.engine != THREADS:
             self._policy_update = DevicePPO(configuration)
             cached_worlds(
@@ -148,13 +152,13 @@ class FeedforwardRecipe:
 
     @property
     def steps(self) -> int:
-        return ppo.steps_of(self.model)
+        return ppo.trained_steps(self.model)
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
         return (exp(self._configuration.log_std_at(self.steps)),)
 
-    def update(self) -> Update:
+    def update(self) -> UpdateResults:
         if self.steps < self._configuration.imitation_steps:
             return self._imitate()
         return self._improve()
@@ -170,7 +174,7 @@ class FeedforwardRecipe:
         policies = [ppo.export_policy(self._agents[0], log_std, robot)]
         for agent in self._agents[1:]:
             text = "" if self._people in NAMED_DISTRIBUTIONS else read_user_text(Path(self._people))
-            role = HumanRole(partner=policies[0].digest, people_file=text)
+            role = TrainedHumanMetadata(partner=policies[0].digest, people_file=text)
             policies.append(ppo.export_policy(agent, log_std, msgspec.structs.replace(human, human=role)))
         return policies
 
@@ -197,13 +201,13 @@ class FeedforwardRecipe:
         self._latest = [(reward, success) for reward, success in values["finished"]]
         self._hard.stored = values.get("hard", [])  # early checkpoints do not contain it
         if self.steps < self._configuration.imitation_steps:
-            self._demonstrations.read(self.steps // self._configuration.update_steps)
+            self._demonstrations.read(self.steps // self._configuration.steps_per_update)
 
-    def _imitate(self) -> Update:
+    def _imitate(self) -> UpdateResults:
         configuration = self._configuration
-        number = self.steps // configuration.update_steps
+        number = self.steps // configuration.steps_per_update
         random = random_streams.imitation_generator(configuration.seed, number)
-        expert_drives = random.random(configuration.num_envs) < IMITATION.expert_share**number
+        expert_drives = random.random(configuration.num_envs) < IMITATION_HYPERPARAMETERS.expert_share**number
         rollouts = self._roll_out(self._own_policies(), expert_drives=expert_drives)
         for agent, each in zip(self._agents, rollouts, strict=True):
             agent.normaliser.update_observations(each)
@@ -211,11 +215,11 @@ class FeedforwardRecipe:
         arrays = (rollout.observations[:-1], rollout.actions)
         self._demonstrations.append(Demonstration(*(each.reshape(-1, each.shape[-1]) for each in arrays)))
         last = number == configuration.imitation_updates - 1
-        fit(self._agents[0], self._demonstrations, random, last=last)
+        fit_actor(self._agents[0], self._demonstrations, random, last=last)
         self._count_update()
-        return self._results("imitation", rollout.episodes(~expert_drives))
+        return self._results("imitation", rollout.episode_results(~expert_drives))
 
-    def _improve(self) -> Update:
+    def _improve(self) -> UpdateResults:
         configuration, done, started = self._configuration, self.steps, time.monotonic()
         self._open_log()
         for model, _ in self._agents:
@@ -224,13 +228,13 @@ class FeedforwardRecipe:
         self._count_update()
         rollout = rollouts[0]
         if configuration.hard_share > 0.0:
-            self._hard.update(rollout.success.tolist(), rollout.episode_force_n.tolist())
-        results = self._results("PPO", rollout.episodes(slice(self._hard.repeated, None)))
+            self._hard.store_failures(rollout.success.tolist(), rollout.episode_force_n.tolist())
+        results = self._results("PPO", rollout.episode_results(slice(self._hard.repeated, None)))
         self._log(results, rollout.nbytes, time.monotonic() - started)
         for agent, each, learns in zip(self._agents, rollouts, configuration.learners_at(done), strict=False):
             if learns:
-                ppo.freeze_actor(agent.model, configuration)
-                ppo.learn(agent, each, configuration.steps, self._policy_update)
+                ppo.set_actor_trainable(agent.model, configuration)
+                ppo.update_agent(agent, each, configuration.steps, self._policy_update)
         return results
 
     def _own_policies(self) -> list[Policy]:
@@ -246,14 +250,14 @@ class FeedforwardRecipe:
         ``threads``."""
         configuration, steps = self._configuration, self.steps
         engine = configuration.engine if expert_drives is None else THREADS
-        episodes = np.array(self._hard.choose(steps))
+        episodes = np.array(self._hard.choose_seeds(steps))
         requests = [
             RolloutRequest(
                 settings=self._settings[engine],
                 first_world=int(worlds[0]),
                 episode_seeds=episodes[worlds],
                 noise_seed=noise_seed,
-                expert_drives=None if expert_drives is None else expert_drives[worlds],
+                expert_controlled=None if expert_drives is None else expert_drives[worlds],
                 force_weight_per_n=0.0 if noise_seed is None else configuration.force_weight_at(steps),
                 detour_weight_per_m=configuration.detour_weight_per_m,
                 shared_reward=configuration.pairing is None or configuration.pairing.shared_reward,
@@ -264,41 +268,41 @@ class FeedforwardRecipe:
         return [Rollout.concatenate([*of_agent]) for of_agent in zip(*parts, strict=True)]
 
     def _count_update(self) -> None:
-        steps = self.steps + self._configuration.update_steps
+        steps = self.steps + self._configuration.steps_per_update
         for model, _ in self._agents:
             model.num_timesteps = steps
 
-    def _results(self, stage: str, episodes: list[tuple[float, bool]]) -> Update:
+    def _results(self, stage: str, episodes: list[tuple[float, bool]]) -> UpdateResults:
         """Returns mean reward and success rate of the policy's latest episodes, at most two per world."""
         if not episodes:
-            return Update(stage, None, None)
+            return UpdateResults(stage, None, None)
         self._latest = (self._latest + episodes)[-2 * self._configuration.num_envs :]
         reward, success = (sum(column) / len(column) for column in zip(*self._latest, strict=True))
-        return Update(stage, reward, success)
+        return UpdateResults(stage, reward, success)
 
     def _open_log(self) -> None:
         if not self._log_is_open:
-            for (model, _), name in zip(self._agents, LOG_NAMES, strict=False):
+            for (model, _), name in zip(self._agents, TENSORBOARD_LOG_NAMES, strict=False):
                 model.set_logger(configure_logger(0, model.tensorboard_log, name, reset_num_timesteps=False))
         self._log_is_open = True
 
-    def _log(self, results: Update, rollout_bytes: int, seconds: float) -> None:
+    def _log(self, results: UpdateResults, rollout_bytes: int, seconds: float) -> None:
         logger = self.model.logger
         if results.reward_mean is not None:
             logger.record("rollout/reward_mean", results.reward_mean)
             logger.record("rollout/success_rate", results.success_rate)
         logger.record("rollout/bytes", rollout_bytes)
-        logger.record("time/fps", int(self._configuration.update_steps / seconds))
+        logger.record("time/fps", int(self._configuration.steps_per_update / seconds))
         logger.dump(self.steps)
 
 
 def _roll_out_here(policies: Sequence[Policy], requests: Sequence[RolloutRequest]) -> list[list[Rollout]]:
-    return [roll_out_all(policies, request) for request in requests]
+    return [roll_out_agents(policies, request) for request in requests]
 
 
-def _roll_out_on(cluster: "Cluster") -> RollOut:
+def _roll_out_on(cluster: "Cluster") -> RolloutFunction:
     def roll_out(policies: Sequence[Policy], requests: Sequence[RolloutRequest]) -> list[list[Rollout]]:
-        return cluster.run_all(roll_out_all, [(policies, request) for request in requests])
+        return cluster.starmap(roll_out_agents, [(policies, request) for request in requests])
 
     return roll_out
 
@@ -309,5 +313,5 @@ def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agen
         (observation_of(environment), observation_and_action_size(environment)[1])
     ]
     if configuration.pairing is not None:
-        sides.append(human_view_of(environment))
+        sides.append(human_observer_of(environment))
     return [ppo.make_agent(configuration, observation, actions, out) for observation, actions in sides]

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 from avrgym.system import random_streams
 
-HARD_FORCE_N = 12.0
+FAILURE_FORCE_N = 12.0
 """An episode with a larger mean force on the person counts as failed, even if it succeeded."""
-STORED_EPISODES = 256
+MAX_STORED_EPISODES = 256
 """Maximum number of stored seeds. The oldest seeds are deleted first."""
 
 
@@ -29,7 +29,7 @@ class HardEpisodes:
         self._worlds, self._max_repeated, self._seed = worlds, int(share * worlds), seed
         self._chosen: list[int] = []
 
-    def choose(self, steps: int) -> list[int]:
+    def choose_seeds(self, steps: int) -> list[int]:
         """Choose the next episodes after ``steps`` environment steps. Returns their N seeds. The same state gives the
         same seeds."""
         random = random_streams.hard_episode_generator(self._seed, steps)
@@ -38,7 +38,7 @@ class HardEpisodes:
         self._chosen, self.repeated = [int(seed) for seed in old] + new, len(old)
         return self._chosen
 
-    def update(self, successes: Sequence[bool], forces_n: Sequence[float]) -> None:
+    def store_failures(self, successes: Sequence[bool], forces_n: Sequence[float]) -> None:
         """Store the seeds of the chosen episodes that failed, and delete the seeds of those that succeeded.
 
         Args:
@@ -46,6 +46,6 @@ class HardEpisodes:
             forces_n: mean forces on the person (N,), newtons.
         """
         outcomes = zip(self._chosen, successes, forces_n, strict=True)
-        failed = [seed for seed, success, force_n in outcomes if not success or force_n > HARD_FORCE_N]
+        failed = [seed for seed, success, force_n in outcomes if not success or force_n > FAILURE_FORCE_N]
         chosen = set(self._chosen)
-        self.stored = ([seed for seed in self.stored if seed not in chosen] + failed)[-STORED_EPISODES:]
+        self.stored = ([seed for seed in self.stored if seed not in chosen] + failed)[-MAX_STORED_EPISODES:]

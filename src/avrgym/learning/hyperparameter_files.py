@@ -38,7 +38,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}: invalid TOML: {error}") from None
 
 
-def validation_error(error: msgspec.ValidationError, where: str) -> ValueError:
+def as_value_error(error: msgspec.ValidationError, where: str) -> ValueError:
     """Convert an error of msgspec to a ``ValueError``. The message contains ``where`` and the key of the value."""
     what, _, path = str(error).partition(" - at `$")
     place = path.strip("`.")
@@ -66,7 +66,7 @@ def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where:
     try:
         return msgspec.convert({**defaults, **changes}, Hyperparameters)
     except msgspec.ValidationError as error:
-        raise validation_error(error, where) from None
+        raise as_value_error(error, where) from None
 
 
 def hyperparameters_text(environment: str) -> str:

@@ -1,9 +1,9 @@
 """Hyperparameters of every recipe, named as in Stable-Baselines3.
 
 ``Hyperparameters`` are for feed-forward policies (imitation, then PPO). Users change them with ``avrgym train --config
-FILE``. ``TASK_CHANGES`` contains values for specific tasks, ``PAPER`` the values of ``--recipe paper``.
-``IMITATION``, ``RECURRENT`` and ``VISUAL`` contain the fixed values of imitation, ``--recipe adaptive`` and ``--recipe
-visual``.
+FILE``. ``TASK_HYPERPARAMETERS`` contains values for specific tasks, ``PAPER_HYPERPARAMETERS`` the values of ``--recipe
+paper``. ``IMITATION_HYPERPARAMETERS``, ``RECURRENT_HYPERPARAMETERS`` and ``VISUAL_HYPERPARAMETERS`` contain the fixed
+values of imitation, ``--recipe adaptive`` and ``--recipe visual``.
 """
 
 from collections.abc import Mapping
@@ -79,7 +79,7 @@ class Hyperparameters:
     ] = 0.0
 
 
-TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
+TASK_HYPERPARAMETERS: Mapping[str, Mapping[str, Any]] = {
     "Feeding": {"imitation_rounds": 0, "log_std": (-0.7, -2.5)},
     "Drinking": {
         "imitation_rounds": 24,
@@ -112,7 +112,7 @@ TASK_CHANGES: Mapping[str, Mapping[str, Any]] = {
 }
 """Values that differ from the defaults, by task. Tasks of other packages define them in ``Task.hyperparameters``."""
 
-PAPER = Hyperparameters(
+PAPER_HYPERPARAMETERS = Hyperparameters(
     num_envs=1024,
     batch_size=5120,
     imitation_rounds=0,
@@ -129,7 +129,7 @@ The paper reports neither the exploration noise nor the number of episodes per u
 """
 PAPER_STEPS = 10_000_000
 """Environment steps of each training run in the paper (section VI)."""
-TRAINING_STEPS = 1_000_000
+DEFAULT_TRAINING_STEPS = 1_000_000
 """Default number of environment steps for training a feed-forward policy."""
 
 
@@ -159,14 +159,14 @@ class RecurrentHyperparameters:
     PPO's learning rate after imitation is low. With a higher rate, the policy would forget the imitated behaviour.
     """
 
-    window: int = 50
+    bptt_steps: int = 50
     """Horizon of truncated backpropagation through time, in control steps."""
 
     imitation_share: float = 0.25
     """Default share of imitation updates in all updates."""
     expert_share: float = 0.7
     """As in ``ImitationHyperparameters``."""
-    imitation_sequences: int = 32
+    imitation_minibatch_episodes: int = 32
     """Episodes in a minibatch of imitation."""
     gradient_steps: int = 40
     final_round_gradient_steps: int = 1500
@@ -185,7 +185,7 @@ class RecurrentHyperparameters:
     gae_lambda: float = 0.95
     clip_range: float = 0.2
     n_epochs: int = 4
-    sequences: int = 16
+    minibatch_episodes: int = 16
     max_minibatches: int = 8
     """Episodes in a minibatch of PPO, and maximum number of minibatches in an epoch."""
     target_kl: float = 0.03
@@ -203,7 +203,7 @@ class RecurrentHyperparameters:
 
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
-    rewarded_force_n: float = 1.5
+    max_rewarded_force_n: float = 1.5
     """Force limit in newtons. The reward of PPO does not increase above this limit."""
     overload_weight: float = 5.0
     """Reward penalty in PPO for a force at the transient limit of a body region, see ``rollouts.RolloutRequest``."""
@@ -217,9 +217,9 @@ class VisualHyperparameters:
     """Control steps of each episode in training. In 95 % of episodes, the teacher feeds the person within 23 steps."""
     expert_share: float = 0.5
     """As in ``ImitationHyperparameters``."""
-    noise_std: float = 0.3
+    teacher_noise_std: float = 0.3
     """Standard deviation of the noise on the teacher's actions."""
-    action_weight: float = 2.0
+    action_loss_weight: float = 2.0
     """Weight of the squared error of actions in the loss. The error of the normalised estimates has weight 1."""
     batch_size: int = 128
     gradient_steps: int = 500
@@ -231,9 +231,9 @@ class VisualHyperparameters:
     """As in ``ImitationHyperparameters``."""
 
 
-IMITATION = ImitationHyperparameters()
-RECURRENT = RecurrentHyperparameters()
-VISUAL = VisualHyperparameters()
+IMITATION_HYPERPARAMETERS = ImitationHyperparameters()
+RECURRENT_HYPERPARAMETERS = RecurrentHyperparameters()
+VISUAL_HYPERPARAMETERS = VisualHyperparameters()
 
 
 def hyperparameters_of(environment: str) -> Hyperparameters:
@@ -243,4 +243,4 @@ def hyperparameters_of(environment: str) -> Hyperparameters:
         ValueError: for an unknown environment. The message contains the allowed ids.
     """
     task, _ = find_environment(environment)
-    return Hyperparameters(**{**TASK_CHANGES.get(task, {}), **TASKS[task].hyperparameters})
+    return Hyperparameters(**{**TASK_HYPERPARAMETERS.get(task, {}), **TASKS[task].hyperparameters})

@@ -18,7 +18,7 @@ from torch.nn.functional import mse_loss
 from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import Float32Array
-from avrgym.learning.hyperparameters import IMITATION
+from avrgym.learning.hyperparameters import IMITATION_HYPERPARAMETERS
 from avrgym.learning.ppo import Agent
 
 DEMONSTRATIONS_FOLDER = "shown"
@@ -76,7 +76,7 @@ class Demonstrations(Generic[D]):
         return self._folder / f"round_{number:04}.npz"
 
 
-def fit(
+def fit_actor(
     agent: Agent, demonstrations: Demonstrations[Demonstration], random: np.random.Generator, *, last: bool
 ) -> None:
     """Fit the actor's mean actions to all demonstrations by least squares. The last round has more epochs."""
@@ -86,16 +86,16 @@ def fit(
     actions = torch.as_tensor(demonstrations.concatenate("actions"))
     actor = model.policy
     parameters = [*actor.mlp_extractor.policy_net.parameters(), *actor.action_net.parameters()]
-    optimizer = torch.optim.Adam(parameters, IMITATION.learning_rate)
+    optimizer = torch.optim.Adam(parameters, IMITATION_HYPERPARAMETERS.learning_rate)
     epochs, decay = (
-        (IMITATION.final_round_n_epochs, IMITATION.final_round_lr_decay)
+        (IMITATION_HYPERPARAMETERS.final_round_n_epochs, IMITATION_HYPERPARAMETERS.final_round_lr_decay)
         if last
-        else (IMITATION.n_epochs, IMITATION.lr_decay)
+        else (IMITATION_HYPERPARAMETERS.n_epochs, IMITATION_HYPERPARAMETERS.lr_decay)
     )
-    steps = -(-epochs * len(observed) // IMITATION.batch_size)
+    steps = -(-epochs * len(observed) // IMITATION_HYPERPARAMETERS.batch_size)
     schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
     for _ in range(steps):
-        rows = torch.as_tensor(random.integers(len(observed), size=IMITATION.batch_size))
+        rows = torch.as_tensor(random.integers(len(observed), size=IMITATION_HYPERPARAMETERS.batch_size))
         means = actor.action_net(actor.mlp_extractor.forward_actor(observations[rows]))
         loss = mse_loss(means, actions[rows])
         optimizer.zero_grad()

@@ -19,8 +19,8 @@ from avrgym.learning.normaliser import OBSERVATION_CLIP, Normaliser, Observation
 from avrgym.learning.rollouts import Rollout
 from avrgym.networks.policy import Policy, PolicyMetadata
 
-LOG_FOLDER = "tensorboard"
-PolicyUpdate = Callable[[PPO, Any, Any, Any], object]
+TENSORBOARD_FOLDER = "tensorboard"
+PolicyUpdateFunction = Callable[[PPO, Any, Any, Any], object]
 """Function that makes a PPO update of a model with whole episodes. Only the time limit ends an episode.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) and scaled rewards (T, N).
@@ -69,7 +69,7 @@ def make_ppo(
         vf_coef=configuration.vf_coef,
         max_grad_norm=configuration.max_grad_norm,
         policy_kwargs={"net_arch": list(configuration.net_arch), "activation_fn": torch.nn.Tanh},
-        tensorboard_log=str(out / LOG_FOLDER),
+        tensorboard_log=str(out / TENSORBOARD_FOLDER),
         seed=configuration.seed,
         device="cpu",
         _init_setup_model=False,
@@ -82,7 +82,7 @@ def make_ppo(
     return model
 
 
-def steps_of(model: PPO) -> int:
+def trained_steps(model: PPO) -> int:
     """Returns the number of environment steps for which a model was trained."""
     return cast(int, model.num_timesteps)
 
@@ -90,28 +90,28 @@ def steps_of(model: PPO) -> int:
 def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
     """Set the exploration noise of the next update."""
     with torch.no_grad():
-        model.policy.log_std.fill_(configuration.log_std_at(steps_of(model)))
+        model.policy.log_std.fill_(configuration.log_std_at(trained_steps(model)))
 
 
-def freeze_actor(model: PPO, configuration: FeedforwardConfiguration) -> None:
+def set_actor_trainable(model: PPO, configuration: FeedforwardConfiguration) -> None:
     """Freeze the actor if only the critic learns (first updates after imitation); otherwise unfreeze it."""
-    learns = configuration.actor_learns_at(steps_of(model))
+    learns = configuration.actor_learns_at(trained_steps(model))
     model.policy.mlp_extractor.policy_net.requires_grad_(learns)
     model.policy.action_net.requires_grad_(learns)
 
 
-def learn(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate) -> None:
+def update_agent(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdateFunction) -> None:
     """Train an agent with the episodes of an update. ``last`` is the total number of steps of the training run."""
     model, normaliser = agent
     rewards = normaliser.normalize_rewards(rollout)
     observations = normaliser.normalize_obs(rollout.observations)
-    model._update_current_progress_remaining(steps_of(model), last)  # pyright: ignore[reportPrivateUsage]
+    model._update_current_progress_remaining(trained_steps(model), last)  # pyright: ignore[reportPrivateUsage]
     update(model, observations, rollout.actions, rewards)
     normaliser.update_observations(rollout)
 
 
 def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
-    """Make a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdate``)."""
+    """Make a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdateFunction``)."""
     _fill(model, observations, actions, rewards)
     model.train()
 

@@ -5,12 +5,12 @@ from typing import Any, Protocol
 
 from avrgym.networks.policy import Policy, PolicyMetadata
 
-CurvePoint = tuple[int, float, float]
+LearningCurvePoint = tuple[int, float, float]
 """A point of the learning curve: environment steps, mean reward and success rate of the latest episodes."""
 
 
 @dataclass(frozen=True)
-class Update:
+class UpdateResults:
     """Results of an update: the training stage, and mean reward and success rate of the policy's latest episodes.
 
     ``stage`` is ``imitation`` or ``PPO``. Mean reward and success rate are ``None`` before the policy completes its
@@ -36,7 +36,7 @@ class Recipe(Protocol):
         """Returns candidates for the trained policy's action_std. The one with the highest success rate is selected."""
         ...
 
-    def update(self) -> Update:
+    def update(self) -> UpdateResults:
         """Run an episode in every world, and learn from all episodes. Returns the results."""
         ...
 

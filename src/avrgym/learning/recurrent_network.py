@@ -10,9 +10,9 @@ from typing import Any
 import torch
 from torch import Tensor, nn
 
-from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
 from avrgym.learning.normaliser import Normaliser
-from avrgym.networks.layers import Memory
+from avrgym.networks.layers import GatedRecurrentUnit
 from avrgym.policies.trained import Policy, PolicyMetadata
 
 
@@ -29,7 +29,7 @@ class RecurrentNetwork(nn.Module):
         self.layers = nn.ModuleList(nn.Linear(*pair) for pair in pairwise(sizes))
 
     @classmethod
-    def of(cls, policy: Policy) -> "RecurrentNetwork":
+    def from_policy(cls, policy: Policy) -> "RecurrentNetwork":
         """Create and return a network with the weights of a recurrent policy, in single precision."""
         memory = policy.memory
         assert memory is not None
@@ -55,7 +55,7 @@ class RecurrentNetwork(nn.Module):
             rows = torch.tanh(layer(rows))
         return self.layers[-1](rows), last
 
-    def policy(self, normaliser: Normaliser, metadata: PolicyMetadata, action_std: float = 0.0) -> Policy:
+    def to_policy(self, normaliser: Normaliser, metadata: PolicyMetadata, action_std: float = 0.0) -> Policy:
         """Convert the network and its normaliser to a policy that does not need PyTorch. Returns the policy."""
         unit, layers = self.memory, [*self.layers]
         return Policy(
@@ -67,7 +67,7 @@ class RecurrentNetwork(nn.Module):
             observation_epsilon=normaliser.epsilon,
             action_std=action_std,
             metadata=metadata,
-            memory=Memory(
+            memory=GatedRecurrentUnit(
                 input_weight=_array(unit.weight_ih_l0).T,
                 input_bias=_array(unit.bias_ih_l0),
                 hidden_weight=_array(unit.weight_hh_l0).T,
@@ -76,13 +76,13 @@ class RecurrentNetwork(nn.Module):
         )
 
 
-def windows(episode_steps: int) -> Iterator[slice]:
+def bptt_windows(episode_steps: int) -> Iterator[slice]:
     """Returns the windows (slices) of an episode for truncated backpropagation through time."""
-    steps = RECURRENT.window
+    steps = RECURRENT_HYPERPARAMETERS.bptt_steps
     return (slice(first, min(first + steps, episode_steps)) for first in range(0, episode_steps, steps))
 
 
-def fit(
+def fit_network(
     network: RecurrentNetwork,
     optimizer: torch.optim.Optimizer,
     observations: Tensor,
@@ -95,7 +95,7 @@ def fit(
     The arguments of ``loss`` are the outputs of a window (t, n, A) and the same window of each target (T, n, ...).
     """
     memory = None
-    for window in windows(len(targets[0])):
+    for window in bptt_windows(len(targets[0])):
         outputs, memory = network(observations[window], memory)
         gradient_step(optimizer, network, loss(outputs, *(each[window] for each in targets)), max_grad_norm)
         memory = memory.detach()

@@ -14,22 +14,27 @@ import torch
 from torch import Tensor
 from torch.nn.functional import mse_loss
 
-from avrgym.learning.hyperparameters import RECURRENT
-from avrgym.learning.recurrent_network import RecurrentNetwork, fit, gradient_step, windows
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
+from avrgym.learning.recurrent_network import RecurrentNetwork, bptt_windows, fit_network, gradient_step
 
 
 class RecurrentPPO:
     """PPO of a recurrent network, with whole episodes in which the network controlled the robot. The hyperparameters
-    are ``RECURRENT``."""
+    are ``RECURRENT_HYPERPARAMETERS``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
         """Create random weights of the critic from PyTorch's random stream."""
         self._network = network
         self._critic = RecurrentNetwork(
-            observation_size, RECURRENT.critic_memory_size, RECURRENT.critic_net_arch, 1
+            observation_size,
+            RECURRENT_HYPERPARAMETERS.critic_memory_size,
+            RECURRENT_HYPERPARAMETERS.critic_net_arch,
+            1,
         )
         self._optimizer = torch.optim.Adam(network.parameters(), eps=1e-5)
-        self._critic_optimizer = torch.optim.Adam(self._critic.parameters(), RECURRENT.critic_learning_rate)
+        self._critic_optimizer = torch.optim.Adam(
+            self._critic.parameters(), RECURRENT_HYPERPARAMETERS.critic_learning_rate
+        )
 
     def state(self) -> dict[str, Any]:
         """Returns the state of the critic and both optimizers, for a checkpoint."""
@@ -72,24 +77,27 @@ class RecurrentPPO:
         with torch.no_grad():
             values = self._critic(observations)[0][..., 0]
             old_log_prob = _log_prob(self._network(observations[:-1])[0], actions, action_std)
-        advantage = advantages(rewards, values)
+        advantage = generalised_advantages(rewards, values)
         returns = advantage + values[:-1]
         advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
         learns = learning_rate > 0.0
         worlds = rewards.shape[1]
-        minibatches = min(-(-worlds // RECURRENT.sequences), RECURRENT.max_minibatches)
-        for _ in range(RECURRENT.n_epochs):
+        minibatches = min(
+            -(-worlds // RECURRENT_HYPERPARAMETERS.minibatch_episodes),
+            RECURRENT_HYPERPARAMETERS.max_minibatches,
+        )
+        for _ in range(RECURRENT_HYPERPARAMETERS.n_epochs):
             divergences: list[float] = []
             for columns in np.array_split(random.permutation(worlds), minibatches):
                 chosen = torch.as_tensor(columns)
                 observed, targets = observations[:-1, chosen], [returns[:, chosen, None]]
-                fit(
+                fit_network(
                     self._critic,
                     self._critic_optimizer,
                     observed,
                     mse_loss,
                     targets,
-                    RECURRENT.max_grad_norm,
+                    RECURRENT_HYPERPARAMETERS.max_grad_norm,
                 )
                 if learns:
                     divergences += self._fit_policy(
@@ -99,7 +107,7 @@ class RecurrentPPO:
                         advantage[:, chosen],
                         action_std,
                     )
-            learns = learns and float(np.mean(divergences)) <= RECURRENT.target_kl
+            learns = learns and float(np.mean(divergences)) <= RECURRENT_HYPERPARAMETERS.target_kl
 
     def _fit_policy(
         self,
@@ -110,24 +118,24 @@ class RecurrentPPO:
         action_std: float,
     ) -> list[float]:
         """Make the policy's gradient steps. Returns the approximate Kullback-Leibler divergence of each window."""
-        memory, divergences, clip_range = None, list[float](), RECURRENT.clip_range
-        for window in windows(len(actions)):
+        memory, divergences, clip_range = None, list[float](), RECURRENT_HYPERPARAMETERS.clip_range
+        for window in bptt_windows(len(actions)):
             means, memory = self._network(observations[window], memory)
             log_ratio = _log_prob(means, actions[window], action_std) - old_log_prob[window]
             ratio = log_ratio.exp()
             clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
             loss = -torch.minimum(ratio * advantage[window], clipped * advantage[window]).mean()
-            gradient_step(self._optimizer, self._network, loss, RECURRENT.max_grad_norm)
+            gradient_step(self._optimizer, self._network, loss, RECURRENT_HYPERPARAMETERS.max_grad_norm)
             memory = memory.detach()
             divergences.append(float((ratio - 1.0 - log_ratio).mean().detach()))
         return divergences
 
 
-def advantages(
+def generalised_advantages(
     rewards: Tensor,
     values: Tensor,
-    gamma: float = RECURRENT.gamma,
-    gae_lambda: float = RECURRENT.gae_lambda,
+    gamma: float = RECURRENT_HYPERPARAMETERS.gamma,
+    gae_lambda: float = RECURRENT_HYPERPARAMETERS.gae_lambda,
 ) -> Tensor:
     """Returns generalised advantage estimates (T, N) of truncated episodes.
 

@@ -2,10 +2,10 @@
 
 The imitated expert uses the whole state of the person, without tremor. The policy receives only observations. It must
 infer the rest of the state with its memory (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset
-aggregation; the loss is the error of the tool's motion, see ``tool_loss``. Then PPO maximises the task's reward minus
-penalties for force.
+aggregation; the loss is the error of the tool's motion, see ``tool_motion_loss``. Then PPO maximises the task's reward
+minus penalties for force.
 
-Training uses several groups of simulated people: one for each of ``REFERENCE_IMPAIRMENTS`` (by default people of
+Training uses several groups of simulated people: one for each of ``ASSISTIVE_GYM_IMPAIRMENTS`` (by default people of
 ``zoo/train``), and one of static people of ``revised``. Each imitation update uses one group, each PPO update uses all
 groups. A trained policy may replace the expert as teacher. A trained recurrent policy may be the initial policy.
 """
@@ -25,24 +25,24 @@ from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import BoolArray, Float32Array
 from avrgym.learning.configuration import RecurrentConfiguration
-from avrgym.learning.hyperparameters import RECURRENT, hyperparameters_of
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, hyperparameters_of
 from avrgym.learning.imitation import Demonstration, Demonstrations
 from avrgym.learning.normaliser import Normaliser, observation_of
-from avrgym.learning.recipe import Update
-from avrgym.learning.recurrent_network import RecurrentNetwork, fit
+from avrgym.learning.recipe import UpdateResults
+from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
 from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.tool_loss import ToolMotion, tool_loss
-from avrgym.people.population_names import REFERENCE_IMPAIRMENTS, REVISED
+from avrgym.learning.tool_loss import ToolMotion, tool_motion_loss
+from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, REVISED
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 
-STILL_PARTNER = (REVISED, "none")
+STATIONARY_PARTNER = (REVISED, "none")
 """Population and impairment of the static people."""
-TEACHER_FILE, INITIAL_FILE = "teacher.safetensors", "initial.safetensors"
+TEACHER_FILE, INITIAL_POLICY_FILE = "teacher.safetensors", "initial.safetensors"
 """Copies of the teacher and of the initial policy in the folder of a training run."""
 
 
@@ -53,20 +53,22 @@ class ArmDemonstration(Demonstration):
     joint_positions: Float32Array
 
 
-def load_teacher_and_initial(configuration: RecurrentConfiguration) -> dict[str, Policy]:
+def load_teacher_and_initial_policy(configuration: RecurrentConfiguration) -> dict[str, Policy]:
     """Load and return the configured teacher and initial policy, by the file names of their copies.
 
     Raises:
         ValueError: for an unknown or unsuitable policy. The message contains the allowed values.
     """
-    policies = {TEACHER_FILE: _find_teacher(configuration), INITIAL_FILE: _find_initial(configuration)}
+    policies = {TEACHER_FILE: _find_teacher(configuration), INITIAL_POLICY_FILE: _find_initial(configuration)}
     return {name: policy for name, policy in policies.items() if policy is not None}
 
 
 def _find_teacher(configuration: RecurrentConfiguration) -> Policy | None:
     if configuration.teacher is None:
         return None
-    teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
+    teacher = registry.resolve_policy(
+        configuration.teacher, configuration.environment, configuration.settings
+    )
     if not isinstance(teacher, Policy) or teacher.vision is not None:
         raise ValueError(
             f"{configuration.teacher!r} cannot be a teacher; "
@@ -83,7 +85,9 @@ def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
             "with an initial policy, training has no imitation by default, but a teacher is given; remove the "
             "teacher, or set the imitation share above 0"
         )
-    initial = registry.find(configuration.initial, configuration.environment, configuration.settings)
+    initial = registry.resolve_policy(
+        configuration.initial, configuration.environment, configuration.settings
+    )
     if not isinstance(initial, Policy) or initial.memory is None:
         raise ValueError(
             f"{configuration.initial!r} cannot be an initial policy; allowed: a recurrent policy, by its name or file"
@@ -97,11 +101,13 @@ class RecurrentRecipe:
     def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
         self._configuration = configuration
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
-        self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_FILE)
+        self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_POLICY_FILE)
         observation_size, action_size = observation_and_action_size(configuration.environment)
         _, scene = task_and_scene(configuration.environment, configuration.settings)
         self._tool_motion = ToolMotion(scene)
-        self._normaliser = Normaliser(observation_of(configuration.environment), RECURRENT.gamma)
+        self._normaliser = Normaliser(
+            observation_of(configuration.environment), RECURRENT_HYPERPARAMETERS.gamma
+        )
         torch.set_num_threads(1)  # more threads would change the order of sums
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
@@ -110,7 +116,7 @@ class RecurrentRecipe:
                     observation_size, configuration.memory_size, configuration.net_arch, action_size
                 )
             else:
-                self._network = RecurrentNetwork.of(self._initial)
+                self._network = RecurrentNetwork.from_policy(self._initial)
                 self._normaliser.obs_rms.mean = self._initial.observation_mean.copy()
                 self._normaliser.obs_rms.var = self._initial.observation_variance.copy()
             self._ppo = RecurrentPPO(self._network, observation_size)
@@ -119,13 +125,13 @@ class RecurrentRecipe:
 
     @property
     def steps(self) -> int:
-        return self._updates * self._configuration.update_steps
+        return self._updates * self._configuration.steps_per_update
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
-        return RECURRENT.final_action_stds
+        return RECURRENT_HYPERPARAMETERS.final_action_stds
 
-    def update(self) -> Update:
+    def update(self) -> UpdateResults:
         imitates = self._updates < self._configuration.imitation_updates
         update = self._imitate(self._updates) if imitates else self._improve(self._updates)
         self._updates += 1
@@ -145,7 +151,7 @@ class RecurrentRecipe:
             seconds=seconds,
             curve=curve,
         )
-        return [self._network.policy(self._normaliser, metadata)]
+        return [self._network.to_policy(self._normaliser, metadata)]
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         tensors = {
@@ -163,19 +169,19 @@ class RecurrentRecipe:
         if self._updates < self._configuration.imitation_updates:
             self._demonstrations.read(self._updates)
 
-    def _imitate(self, number: int) -> Update:
+    def _imitate(self, number: int) -> UpdateResults:
         configuration = self._configuration
         random = random_streams.imitation_generator(configuration.seed, number)
-        expert_drives = random.random(configuration.num_envs) < RECURRENT.expert_share**number
+        expert_drives = random.random(configuration.num_envs) < RECURRENT_HYPERPARAMETERS.expert_share**number
         turn, still = divmod(number, 2)
-        impairment = REFERENCE_IMPAIRMENTS[turn % len(REFERENCE_IMPAIRMENTS)]
-        partner = STILL_PARTNER if still else (configuration.people, impairment)
+        impairment = ASSISTIVE_GYM_IMPAIRMENTS[turn % len(ASSISTIVE_GYM_IMPAIRMENTS)]
+        partner = STATIONARY_PARTNER if still else (configuration.people, impairment)
         request = RolloutRequest(
             self._settings(*partner),
             0,
             self._episode_seeds(number),
             noise_seed=(configuration.seed, number),
-            expert_drives=expert_drives,
+            expert_controlled=expert_drives,
             teacher=self._teacher,
         )
         rollout = roll_out(self._policy(0.0 if self._teacher is None else self._teacher.action_std), request)
@@ -188,14 +194,14 @@ class RecurrentRecipe:
         self._fit(random, last=number == configuration.imitation_updates - 1)
         return _results("imitation", rollout, ~expert_drives)
 
-    def _improve(self, number: int) -> Update:
+    def _improve(self, number: int) -> UpdateResults:
         configuration = self._configuration
         progress = configuration.ppo_progress(number)
-        action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT.log_std)))
+        action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT_HYPERPARAMETERS.log_std)))
         policy, seeds = self._policy(action_std), self._episode_seeds(number)
         partners = [
-            *((configuration.people, impairment) for impairment in REFERENCE_IMPAIRMENTS),
-            STILL_PARTNER,
+            *((configuration.people, impairment) for impairment in ASSISTIVE_GYM_IMPAIRMENTS),
+            STATIONARY_PARTNER,
         ]
         parts = np.array_split(np.arange(configuration.num_envs), len(partners))
         requests = [
@@ -204,9 +210,9 @@ class RecurrentRecipe:
                 int(worlds[0]),
                 seeds[worlds],
                 noise_seed=(configuration.seed, number),
-                force_weight_per_n=RECURRENT.force_weight_per_n,
-                rewarded_force_n=RECURRENT.rewarded_force_n,
-                overload_weight=RECURRENT.overload_weight,
+                force_weight_per_n=RECURRENT_HYPERPARAMETERS.force_weight_per_n,
+                max_rewarded_force_n=RECURRENT_HYPERPARAMETERS.max_rewarded_force_n,
+                overload_weight=RECURRENT_HYPERPARAMETERS.overload_weight,
                 detour_weight_per_m=hyperparameters_of(configuration.environment).detour_weight_per_m,
             )
             for partner, worlds in zip(partners, parts, strict=True)
@@ -226,10 +232,14 @@ class RecurrentRecipe:
     def _learning_rate(self, number: int, progress: float) -> float:
         """Returns PPO's learning rate in an update; 0 while only the critic learns."""
         imitates = self._configuration.imitation_updates
-        if number < imitates + RECURRENT.critic_updates:
+        if number < imitates + RECURRENT_HYPERPARAMETERS.critic_updates:
             return 0.0
-        first = RECURRENT.learning_rate if imitates else RECURRENT.learning_rate_without_imitation
-        return first * max(RECURRENT.final_lr_share, 1.0 - progress)
+        first = (
+            RECURRENT_HYPERPARAMETERS.learning_rate
+            if imitates
+            else RECURRENT_HYPERPARAMETERS.learning_rate_without_imitation
+        )
+        return first * max(RECURRENT_HYPERPARAMETERS.final_lr_share, 1.0 - progress)
 
     def _settings(self, people: str, impairment: str) -> WorldSettings:
         configuration = self._configuration
@@ -240,7 +250,7 @@ class RecurrentRecipe:
             configuration.threads,
             force_guard=configuration.force_guard,
             withdraw_after_success=configuration.withdraw_after_success,
-            changes=configuration.settings,
+            episode_settings=configuration.settings,
             episode_steps=configuration.episode_steps,
         )
 
@@ -250,10 +260,10 @@ class RecurrentRecipe:
 
     def _policy(self, action_std: float) -> Policy:
         metadata = PolicyMetadata(environment=self._configuration.environment, people="", steps=0, seed=0)
-        return self._network.policy(self._normaliser, metadata, action_std)
+        return self._network.to_policy(self._normaliser, metadata, action_std)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
-        """Fit the network to all demonstrations with ``tool_loss``. The last round has more gradient steps."""
+        """Fit the network to all demonstrations with ``tool_motion_loss``. The last round has more gradient steps."""
         observed, actions, joint_positions = (
             self._demonstrations.concatenate(name, axis=1)
             for name in ("observations", "actions", "joint_positions")
@@ -262,30 +272,40 @@ class RecurrentRecipe:
             torch.as_tensor(each) for each in (self._normaliser.normalize_obs(observed), actions)
         )
         steps, decay = (
-            (RECURRENT.final_round_gradient_steps, RECURRENT.final_round_lr_decay)
+            (
+                RECURRENT_HYPERPARAMETERS.final_round_gradient_steps,
+                RECURRENT_HYPERPARAMETERS.final_round_lr_decay,
+            )
             if last
-            else (RECURRENT.gradient_steps, RECURRENT.lr_decay)
+            else (RECURRENT_HYPERPARAMETERS.gradient_steps, RECURRENT_HYPERPARAMETERS.lr_decay)
         )
-        optimizer = torch.optim.Adam(self._network.parameters(), RECURRENT.imitation_learning_rate)
+        optimizer = torch.optim.Adam(
+            self._network.parameters(), RECURRENT_HYPERPARAMETERS.imitation_learning_rate
+        )
         schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
         for _ in range(steps):
-            columns = random.integers(actions.shape[1], size=RECURRENT.imitation_sequences)
-            targets = [actions[:, columns], self._tool_motion.motion_per_action(joint_positions[:, columns])]
-            fit(
+            columns = random.integers(
+                actions.shape[1], size=RECURRENT_HYPERPARAMETERS.imitation_minibatch_episodes
+            )
+            targets = [
+                actions[:, columns],
+                self._tool_motion.scaled_action_jacobian(joint_positions[:, columns]),
+            ]
+            fit_network(
                 self._network,
                 optimizer,
                 observations[:, columns],
-                tool_loss,
+                tool_motion_loss,
                 targets,
-                RECURRENT.imitation_max_grad_norm,
+                RECURRENT_HYPERPARAMETERS.imitation_max_grad_norm,
             )
             schedule.step()
 
 
-def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> Update:
+def _results(stage: str, rollout: Rollout, own: slice | BoolArray) -> UpdateResults:
     """Returns mean reward and success rate of the episodes ``own``, in which the policy controlled the robot."""
-    episodes = rollout.episodes(own)
+    episodes = rollout.episode_results(own)
     if not episodes:
-        return Update(stage, None, None)
+        return UpdateResults(stage, None, None)
     reward, success = (sum(column) / len(column) for column in zip(*episodes, strict=True))
-    return Update(stage, reward, success)
+    return UpdateResults(stage, reward, success)

@@ -20,13 +20,13 @@ from avrgym.safety.limits import TRANSIENT_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
-from avrgym.system.random_streams import NoiseStream
+from avrgym.system.random_streams import NoiseGeneratorFactory
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.filtered import filter_tremor
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Controller
 
 
@@ -44,7 +44,7 @@ class WorldSettings:
     engine: str = THREADS
     force_guard: bool = False
     withdraw_after_success: bool = False
-    changes: Settings = DEFAULTS
+    episode_settings: Settings = DEFAULT_SETTINGS
     episode_steps: int = EPISODE_STEPS
 
 
@@ -73,10 +73,10 @@ class RolloutRequest:
     first_world: int
     episode_seeds: NDArray[np.int64]
     noise_seed: tuple[int, int] | None = None
-    expert_drives: BoolArray | None = None
+    expert_controlled: BoolArray | None = None
     teacher: Policy | None = None
     force_weight_per_n: float = 0.0
-    rewarded_force_n: float = np.inf
+    max_rewarded_force_n: float = np.inf
     overload_weight: float = 0.0
     detour_weight_per_m: float = 0.0
     shared_reward: bool = True
@@ -120,7 +120,7 @@ class Rollout:
         arrays = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: array for name, array in arrays.items() if array is not None}
 
-    def episodes(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
+    def episode_results(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
         """Returns the return and the success of each episode, or only of the episodes ``of``."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
@@ -131,11 +131,11 @@ def _joined(arrays: list[Any]) -> Any:
 
 
 def roll_out(policy: Policy, request: RolloutRequest) -> Rollout:
-    """Run a request's episodes with a robot's policy. Returns the rollout; see ``roll_out_all``."""
-    return roll_out_all([policy], request)[0]
+    """Run a request's episodes with a robot's policy. Returns the rollout; see ``roll_out_agents``."""
+    return roll_out_agents([policy], request)[0]
 
 
-def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Rollout]:
+def roll_out_agents(policies: Sequence[Policy], request: RolloutRequest) -> list[Rollout]:
     """Run a request's episodes. Returns a rollout for each policy.
 
     ``policies`` contains the robot's policy and, for a trained human, the human's policy.
@@ -154,7 +154,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         _Agent(policy, random_streams.human_noise_generator, request, worlds.human_observation())
         for policy in policies[1:]
     ]
-    expert = None if request.expert_drives is None else _expert_for(policies[0], request, worlds)
+    expert = None if request.expert_controlled is None else _expert_for(policies[0], request, worlds)
     returns = force_n = xp.zeros(count, dtype=xp.float64, device=first.device)
     success: Any = None
     joint_positions: list[FloatArray] = []
@@ -163,10 +163,10 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         action = robot.act(number)
         if expert is not None:
             joint_positions.append(worlds.simulation.joint_positions())
-            expert_action = worlds.loop.apply_withdrawal(np.clip(expert(worlds.observe()), -1.0, 1.0))
+            expert_action = worlds.control_loop.apply_withdrawal(np.clip(expert(worlds.observe()), -1.0, 1.0))
             robot.actions[-1] = expert_action.astype(np.float32)
-            assert request.expert_drives is not None
-            action = np.where(request.expert_drives[:, None], robot.actions[-1], action)
+            assert request.expert_controlled is not None
+            action = np.where(request.expert_controlled[:, None], robot.actions[-1], action)
         for human in humans:
             worlds.command_people(np.clip(human.act(number), -1.0, 1.0).astype(float))
         action = xp.astype(xp.clip(action, -1.0, 1.0), first.dtype)
@@ -182,7 +182,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
         returns = returns + step.reward
         force_n = force_n + step.force_on_person_n / length
         success = step.success
-    worlds.check()
+    worlds.check_device_results()
     results = to_numpy(returns), to_numpy(success), to_numpy(force_n)
     rollouts = [agent.rollout(*results) for agent in (robot, *humans)]
     if expert is not None:
@@ -190,7 +190,7 @@ def roll_out_all(policies: Sequence[Policy], request: RolloutRequest) -> list[Ro
     return rollouts
 
 
-def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[Step, FloatArray]:
+def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[StepOutcome, FloatArray]:
     """Make a control step. Returns the step and the overload (n,): the maximum over body regions and physics steps.
 
     The overload of a region is 0 up to half the transient limit, increases linearly, and is 1 at the limit.
@@ -208,7 +208,7 @@ def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Co
     input.
     """
     if request.teacher is not None:
-        return Actor(request.teacher, len(request.episode_seeds)).mean
+        return Actor(request.teacher, len(request.episode_seeds)).mean_actions
     task = worlds.task
     if policy.memory is None:
         return task.feedback_expert(worlds)
@@ -219,7 +219,9 @@ class _Agent:
     """One agent (robot or human) in all worlds of a request: its observations, actions and rewards on the worlds'
     device."""
 
-    def __init__(self, policy: Policy, noise: NoiseStream, request: RolloutRequest, first: Any) -> None:
+    def __init__(
+        self, policy: Policy, noise: NoiseGeneratorFactory, request: RolloutRequest, first: Any
+    ) -> None:
         """Create the agent. ``first`` contains the first observations, (n, O)."""
         self._xp: Any = namespace(first)
         self.observations: list[Any] = []
@@ -236,7 +238,7 @@ class _Agent:
 
     def act(self, number: int) -> Any:
         """Returns the actions (n, A) in step ``number``, before clipping."""
-        mean = self._actor.mean(self.observations[-1])
+        mean = self._actor.mean_actions(self.observations[-1])
         self.actions.append(self._xp.astype(mean + self._noise[number], self._xp.float32))
         return self.actions[-1]
 
@@ -249,7 +251,7 @@ class _Agent:
         )
 
 
-def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> FloatArray:
+def _noise(policy: Policy, stream: NoiseGeneratorFactory, request: RolloutRequest) -> FloatArray:
     """Returns standard normal exploration noise (T, n, A). Each world has its own random stream."""
     length = request.settings.episode_steps
     shape = (length, policy.action_size)
@@ -261,10 +263,10 @@ def _noise(policy: Policy, stream: NoiseStream, request: RolloutRequest) -> Floa
     return np.stack([stream(seed, steps, world).standard_normal(shape) for world in worlds], axis=1)
 
 
-def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: bool) -> FloatArray:
+def _penalty(worlds: Episodes, request: RolloutRequest, step: StepOutcome, *, last: bool) -> FloatArray:
     """Returns the sum (n,) of the request's penalties in a step, without the overload penalty."""
     penalty = request.force_weight_per_n * step.force_on_person_n + _excess_reward(
-        request.rewarded_force_n, worlds, step
+        request.max_rewarded_force_n, worlds, step
     )
     detour_m = worlds.task.detour_m
     if last or detour_m is None or not request.detour_weight_per_m:
@@ -272,7 +274,7 @@ def _penalty(worlds: Episodes, request: RolloutRequest, step: Step, *, last: boo
     return penalty + request.detour_weight_per_m * detour_m(worlds.simulation.state(), worlds.task_state)
 
 
-def _excess_reward(limit_n: float, worlds: Episodes, step: Step) -> FloatArray:
+def _excess_reward(limit_n: float, worlds: Episodes, step: StepOutcome) -> FloatArray:
     """Returns the reward (n,) for the part of forces above a limit. Reward terms in newtons have names that end with
     ``_n``."""
     xp = namespace(step.reward)
@@ -306,5 +308,5 @@ def cached_worlds(
         human_actions=human_actions,
         by_region=by_region,
         force_guard=settings.force_guard,
-        settings=settings.changes,
+        settings=settings.episode_settings,
     )

@@ -20,10 +20,10 @@ from stable_baselines3 import PPO
 from torch import Tensor, nn
 
 from avrgym.learning.configuration import FeedforwardConfiguration
-from avrgym.learning.ppo import steps_of
+from avrgym.learning.ppo import trained_steps
 from avrgym.system import random_streams
 
-OBSERVATIONS = "policy"
+OBSERVATION_GROUP = "policy"
 """Name of the group of observations in RSL-RL."""
 
 
@@ -34,7 +34,7 @@ class _Libraries(NamedTuple):
     tensordict: Any
 
 
-def import_libraries() -> _Libraries:
+def import_rsl_rl() -> _Libraries:
     """Import RSL-RL's modules and return them.
 
     Raises:
@@ -50,7 +50,7 @@ def import_libraries() -> _Libraries:
 
 
 class DevicePPO:
-    """A ``ppo.PolicyUpdate`` on a device.
+    """A ``ppo.PolicyUpdateFunction`` on a device.
 
     The seed of the training run and the number of past steps determine the minibatches. A checkpoint therefore contains
     no random state of a device.
@@ -58,7 +58,7 @@ class DevicePPO:
 
     def __init__(self, configuration: FeedforwardConfiguration) -> None:
         self._configuration = configuration
-        self._libraries = import_libraries()
+        self._libraries = import_rsl_rl()
         self._algorithm: Any = None
 
     def __call__(self, model: PPO, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:
@@ -72,7 +72,9 @@ class DevicePPO:
         with torch.no_grad():
             self._store(observations[:-1], actions, rewards)
             algorithm.compute_returns(self._named(observations[-1]))
-        torch.manual_seed(random_streams.device_minibatch_seed(self._configuration.seed, steps_of(model)))
+        torch.manual_seed(
+            random_streams.device_minibatch_seed(self._configuration.seed, trained_steps(model))
+        )
         losses = [algorithm.update() for _ in range(model.n_epochs)]
         model._n_updates += model.n_epochs  # pyright: ignore[reportPrivateUsage]
         for ours, theirs in {"policy_gradient_loss": "surrogate", "value_loss": "value"}.items():
@@ -96,7 +98,7 @@ class DevicePPO:
             critic,
             episodes,
             num_learning_epochs=1,  # called once per epoch, for a new order of the steps
-            num_mini_batches=max(1, round(configuration.update_steps / configuration.batch_size)),
+            num_mini_batches=max(1, round(configuration.steps_per_update / configuration.batch_size)),
             clip_param=configuration.clip_range,
             gamma=configuration.gamma,
             lam=configuration.gae_lambda,
@@ -117,8 +119,8 @@ class DevicePPO:
         """Create and return a model of RSL-RL with these layers."""
         net = self._libraries.models.MLPModel(
             self._named(first),
-            {OBSERVATIONS: [OBSERVATIONS]},
-            OBSERVATIONS,
+            {OBSERVATION_GROUP: [OBSERVATION_GROUP]},
+            OBSERVATION_GROUP,
             outputs,
             hidden_dims=list(self._configuration.net_arch),
             activation="tanh",
@@ -129,7 +131,7 @@ class DevicePPO:
 
     def _named(self, observations: Tensor) -> Any:
         return self._libraries.tensordict.TensorDict(
-            {OBSERVATIONS: observations}, batch_size=[len(observations)], device=observations.device
+            {OBSERVATION_GROUP: observations}, batch_size=[len(observations)], device=observations.device
         )
 
     def _store(self, observations: Tensor, actions: Tensor, rewards: Tensor) -> None:

@@ -19,26 +19,32 @@ from ray import tune
 from ray.tune.schedulers import ASHAScheduler, FIFOScheduler
 
 from avrgym.learning import training
-from avrgym.learning.configuration import FeedforwardConfiguration, contains_training, read_configuration
-from avrgym.learning.sweep_file import EarlyStopping, PlannedTraining, Sweep, planned_trainings, read_sweep
+from avrgym.learning.configuration import FeedforwardConfiguration, contains_training_run, read_configuration
+from avrgym.learning.sweep_file import (
+    EarlyStopping,
+    PlannedTrainingRun,
+    Sweep,
+    plan_training_runs,
+    read_sweep,
+)
 from avrgym.learning.training import POLICY_FILE
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
 
 SWEEP_FILE = "sweep.toml"
-SCHEDULE_FOLDER = "schedule"
+RAY_TUNE_FOLDER = "schedule"
 """Folder with Ray Tune's state. It has a subfolder for each group of training runs."""
-NO_REWARD = -1e9
+MISSING_REWARD = -1e9
 """Placeholder for the mean reward before the first episode ends."""
 
-Report = Callable[[str, int], None]
+SweepReporter = Callable[[str, int], None]
 """Function that is called with the name of a training run and its number of environment steps."""
-_report: ContextVar[Report] = ContextVar("_report")
+_report: ContextVar[SweepReporter] = ContextVar("_report")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SweepResult:
     """The result of a training run. ``reward_mean`` and ``success_rate`` are None if the run was stopped early."""
 
     env: str
@@ -52,27 +58,27 @@ class Outcome:
     policy: str
 
 
-def create(file: Path, out: Path) -> None:
+def create_sweep(file: Path, out: Path) -> None:
     """Create the folder ``out`` of a new sweep, and copy the sweep file into it.
 
     Raises:
         ValueError: for an invalid sweep. The message contains the allowed values.
         FileExistsError: if ``out`` already contains a sweep.
     """
-    planned_trainings(read_sweep(file), str(file))
+    plan_training_runs(read_sweep(file), str(file))
     if (out / SWEEP_FILE).exists():
         raise FileExistsError(f"{out} already contains a sweep; choose another folder, or add --resume")
     out.mkdir(parents=True, exist_ok=True)
     write_atomically(out / SWEEP_FILE, file.read_bytes())
 
 
-def trainings_by_group(out: Path) -> dict[str, list[PlannedTraining]]:
+def training_runs_by_group(out: Path) -> dict[str, list[PlannedTrainingRun]]:
     """Returns the training runs of the sweep in a folder, by group.
 
     Raises:
         ValueError: if the folder contains no sweep.
     """
-    return planned_trainings(_stored(out), str(out / SWEEP_FILE))
+    return plan_training_runs(_stored(out), str(out / SWEEP_FILE))
 
 
 def _stored(out: Path) -> Sweep:
@@ -82,7 +88,7 @@ def _stored(out: Path) -> Sweep:
     return read_sweep(path)
 
 
-def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
+def run_sweep(out: Path, jobs: int | None, report: SweepReporter) -> list[SweepResult]:
     """Run or continue all training runs of the sweep in ``out`` on the connected cluster. Returns their results.
 
     Groups run one after another. Training runs of a group run in parallel, on all cores or on ``jobs`` cores. The
@@ -93,7 +99,7 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
         RuntimeError: if training runs failed. The message contains the first error. All other runs are complete.
     """
     sweep = _stored(out)
-    groups = planned_trainings(sweep, str(out / SWEEP_FILE))
+    groups = plan_training_runs(sweep, str(out / SWEEP_FILE))
     with lock_folder(out), _quiet():
         token = _report.set(report)
         try:
@@ -113,10 +119,14 @@ def run(out: Path, jobs: int | None, report: Report) -> list[Outcome]:
 
 
 def _run_group(
-    out: Path, name: str, group: Sequence[PlannedTraining], stopping: EarlyStopping | None, jobs: int | None
+    out: Path,
+    name: str,
+    group: Sequence[PlannedTrainingRun],
+    stopping: EarlyStopping | None,
+    jobs: int | None,
 ) -> list[str]:
     """Run a group of training runs. Returns the error messages of failed runs."""
-    schedule = out / SCHEDULE_FOLDER / name
+    schedule = out / RAY_TUNE_FOLDER / name
     trainable = tune.with_resources(_train_one, {"cpu": 1})
     if tune.Tuner.can_restore(str(schedule)):
         tuner = tune.Tuner.restore(str(schedule), trainable, resume_unfinished=True, restart_errored=True)
@@ -164,14 +174,14 @@ def _train_one(given: dict[str, Any]) -> None:
     out = Path(given["training"]["folder"])
     configuration = msgspec.convert(given["training"]["configuration"], FeedforwardConfiguration)
 
-    def report(now: training.Progress) -> None:
-        reward = NO_REWARD if now.reward_mean is None else now.reward_mean
+    def report(now: training.TrainingProgress) -> None:
+        reward = MISSING_REWARD if now.reward_mean is None else now.reward_mean
         tune.report({"steps": now.steps, "reward_mean": reward})
 
     if (complete := _complete(out)) is not None:
         tune.report({"steps": complete.steps, "reward_mean": complete.measured["reward_mean"]})
         return
-    if contains_training(out):
+    if contains_training_run(out):
         training.resume(out, report)
     else:
         training.train(replace(configuration, threads=1), out, report)
@@ -184,12 +194,12 @@ def _complete(out: Path) -> PolicyMetadata | None:
     return metadata if metadata is not None and metadata.measured else None
 
 
-def _outcome(out: Path, each: PlannedTraining) -> Outcome:
+def _outcome(out: Path, each: PlannedTrainingRun) -> SweepResult:
     folder = out / each.name
     configuration = read_configuration(folder)
     metadata = Policy.load(folder / POLICY_FILE).metadata
     measured: dict[str, Any] = metadata.measured
-    return Outcome(
+    return SweepResult(
         env=configuration.environment,
         people=configuration.people,
         recipe=each.recipe,

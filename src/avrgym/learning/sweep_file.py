@@ -8,14 +8,14 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.learning.configuration import FeedforwardConfiguration, configuration_for
-from avrgym.learning.hyperparameter_files import changed_hyperparameters, read_toml, validation_error
+from avrgym.learning.hyperparameter_files import as_value_error, changed_hyperparameters, read_toml
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
 from avrgym.people.impairments import find_impairment
 from avrgym.people.population_names import ORIGINAL
 from avrgym.tasks.registry import find_environment
 from avrgym.tasks.world_people import environment_populations
 
-Name = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
+RecipeName = Annotated[str, Meta(pattern="^[A-Za-z0-9_]+$")]
 
 
 class EarlyStopping(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -39,13 +39,13 @@ class Sweep(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     seeds: Annotated[tuple[Annotated[int, Meta(ge=0)], ...], Meta(min_length=1)] = (0,)
     people: Annotated[tuple[str, ...], Meta(min_length=1)] = (ORIGINAL,)
     impairment: str = "none"
-    recipes: Annotated[dict[Name, dict[str, Any]], Meta(min_length=1)] = msgspec.field(
+    recipes: Annotated[dict[RecipeName, dict[str, Any]], Meta(min_length=1)] = msgspec.field(
         default_factory=lambda: {"usual": {}}
     )
     stopping: EarlyStopping | None = None
 
 
-class PlannedTraining(NamedTuple):
+class PlannedTrainingRun(NamedTuple):
     """One training run of a sweep: the name of its folder, the name of its recipe, and its configuration."""
 
     name: str
@@ -67,22 +67,22 @@ def read_sweep(path: Path) -> Sweep:
     try:
         return msgspec.convert(values, Sweep)
     except msgspec.ValidationError as error:
-        raise validation_error(error, str(path)) from None
+        raise as_value_error(error, str(path)) from None
 
 
-def planned_trainings(sweep: Sweep, where: str) -> dict[str, list[PlannedTraining]]:
+def plan_training_runs(sweep: Sweep, where: str) -> dict[str, list[PlannedTrainingRun]]:
     """Returns the training runs of a sweep by group. The runs of a group have the same environment and people.
 
     Raises:
         ValueError: for an unknown environment, people, impairment or setting. The message contains the allowed values.
     """
     find_impairment(sweep.impairment)
-    groups: dict[str, list[PlannedTraining]] = {}
+    groups: dict[str, list[PlannedTrainingRun]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)
         environment_populations(people, environment)
         groups[f"{environment} with {people}"] = [
-            PlannedTraining(
+            PlannedTrainingRun(
                 "-".join([environment.rpartition("/")[2], _people_label(people), recipe, str(seed)]),
                 recipe,
                 configuration_for(

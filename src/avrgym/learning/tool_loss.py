@@ -17,13 +17,13 @@ from avrgym.geometry.kinematics import action_jacobian
 from avrgym.models.scene import SceneConfig
 from avrgym.tasks.placement import arm_chain
 
-UNIT_M, UNIT_RAD = 0.02, 0.2
+TRANSLATION_UNIT_M, ROTATION_UNIT_RAD = 0.02, 0.2
 """Units of the tool's translation and rotation in a control step. With a lever arm of 0.1 m, a rotation of one unit
 moves a point by one unit."""
-MOTION_SCALE = 0.25
+HALF_WEIGHT_MOTION = 0.25
 """Demonstrated motion, in units, at which the weight of the error is halved (5 mm, or 0.05 rad). At ten times this
 motion the weight is about a hundredth."""
-ACTIONS_WEIGHT = 0.1
+ACTION_ERROR_WEIGHT = 0.1
 """Weight of the squared action error. It penalises errors of the elbow that do not move the tool."""
 
 
@@ -35,27 +35,28 @@ class ToolMotion:
         self._reach = scene.speed_limit * scene.control_step_s
         self._drives = scene.robot.drive is not None
 
-    def motion_per_action(self, joint_positions: Float32Array) -> Tensor:
+    def scaled_action_jacobian(self, joint_positions: Float32Array) -> Tensor:
         """Returns the Jacobian (..., 6, A) of the tool's motion in a control step, at joint positions (..., J).
 
-        Rows 0–2 are translations along x, y and z in ``UNIT_M``. Rows 3–5 are rotations about x, y and z in
-        ``UNIT_RAD``. Both are in the frame of the robot's base. Column a is the motion if action a is 1 and all other
-        actions are 0.
+        Rows 0–2 are translations along x, y and z in ``TRANSLATION_UNIT_M``. Rows 3–5 are rotations about x, y and z in
+        ``ROTATION_UNIT_RAD``. Both are in the frame of the robot's base. Column a is the motion if action a is 1 and
+        all other actions are 0.
         """
         joints = joint_positions.shape[-1]
         positions = joint_positions.reshape(-1, joints).astype(np.float64)
         by_speed = action_jacobian(self._chain, positions, drives=self._drives)
-        units = np.repeat([UNIT_M, UNIT_RAD], 3)[:, None]
+        units = np.repeat([TRANSLATION_UNIT_M, ROTATION_UNIT_RAD], 3)[:, None]
         motion_per_action = (by_speed * self._reach / units).astype(np.float32)
         return torch.as_tensor(motion_per_action.reshape(*joint_positions.shape[:-1], 6, len(self._reach)))
 
 
-def tool_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
-    """Returns the mean squared error of the tool's motion and of the actions, weighted by ``MOTION_SCALE``.
+def tool_motion_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
+    """Returns the mean squared error of the tool's motion and of the actions, weighted by ``HALF_WEIGHT_MOTION``.
 
-    ``actions`` and ``demonstrated`` actions are (..., A). ``motion_per_action`` (..., 6, A) is from ``ToolMotion``.
+    ``actions`` and ``demonstrated`` actions are (..., A). ``scaled_action_jacobian`` (..., 6, A) is from
+    ``ToolMotion``.
     """
     error = actions - demonstrated
     motion, motion_error = ((motion_per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
-    squared = motion_error.square().mean(dim=-1) + ACTIONS_WEIGHT * error.square().mean(dim=-1)
-    return (squared / (1.0 + motion.square().sum(dim=-1) / MOTION_SCALE**2)).mean()
+    squared = motion_error.square().mean(dim=-1) + ACTION_ERROR_WEIGHT * error.square().mean(dim=-1)
+    return (squared / (1.0 + motion.square().sum(dim=-1) / HALF_WEIGHT_MOTION**2)).mean()

@@ -25,26 +25,26 @@ from avrgym.learning.configuration import (
     RecurrentConfiguration,
     VisualConfiguration,
     configuration_for,
-    contains_training,
+    contains_training_run,
     read_configuration,
     store_people,
-    stored_people,
+    stored_people_path,
     write_configuration,
 )
 from avrgym.learning.evaluation import evaluate
 from avrgym.learning.feedforward_recipe import FeedforwardRecipe
 from avrgym.learning.imitation import DEMONSTRATIONS_FOLDER
-from avrgym.learning.ppo import LOG_FOLDER
-from avrgym.learning.recipe import CurvePoint, Recipe
+from avrgym.learning.ppo import TENSORBOARD_FOLDER
+from avrgym.learning.recipe import LearningCurvePoint, Recipe
 from avrgym.learning.recurrent_recipe import RecurrentRecipe
 from avrgym.learning.visual_recipe import VisualRecipe
 from avrgym.people.impairments import find_impairment
-from avrgym.people.populations import HUMAN_FILE, is_trained_human
+from avrgym.people.populations import HUMAN_POLICY_FILE, is_trained_human
 from avrgym.policies.trained import Policy, PolicyMetadata
-from avrgym.simulation.engines.engine import check_available
+from avrgym.simulation.engines.engine import check_engine_available
 from avrgym.system.files import write_atomically
 from avrgym.system.locks import lock_folder
-from avrgym.system.memory import memory_bytes
+from avrgym.system.memory import total_memory_bytes
 from avrgym.system.random_streams import VALIDATION
 from avrgym.tasks.registry import observation_and_action_size, plugins_of, task_and_scene
 from avrgym.tasks.world_people import environment_populations
@@ -53,9 +53,9 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 __all__ = [
-    "LOG_FOLDER",
     "POLICY_FILE",
-    "Progress",
+    "TENSORBOARD_FOLDER",
+    "TrainingProgress",
     "configuration_for",
     "read_configuration",
     "resume",
@@ -65,16 +65,16 @@ __all__ = [
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 EVALUATION_EPISODES = 100
 """Number of episodes of the final evaluation."""
-STORED_RESULTS = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
+STORED_RESULT_NAMES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
 """Names of the results of the final evaluation that the policy file contains."""
-CURVE_POINTS = 100
+MAX_CURVE_POINTS = 100
 """Maximum number of points of the learning curve in a policy file."""
-WORLD_BYTES = 4 << 20
+BYTES_PER_WORLD = 4 << 20
 """Assumed memory of a world and its share of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
 
 
 @dataclass(frozen=True)
-class Progress:
+class TrainingProgress:
     """Progress of a training run: stage, number of environment steps, and results of the policy's latest episodes.
 
     Mean reward and success rate are None before the policy completes its first episode.
@@ -86,13 +86,13 @@ class Progress:
     success_rate: float | None
 
 
-Report = Callable[[Progress], object]
+TrainingReporter = Callable[[TrainingProgress], object]
 
 
 def train(
     configuration: AnyConfiguration,
     out: Path,
-    report: Report = lambda progress: None,
+    report: TrainingReporter = lambda progress: None,
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
@@ -117,7 +117,7 @@ def train(
     _check_unused(out)
     _check(configuration, configuration.people, cluster)
     recurrent = isinstance(configuration, RecurrentConfiguration)
-    copied = recurrent_recipe.load_teacher_and_initial(configuration) if recurrent else {}
+    copied = recurrent_recipe.load_teacher_and_initial_policy(configuration) if recurrent else {}
     if isinstance(configuration, VisualConfiguration):
         copied = {visual_recipe.TEACHER_FILE: visual_recipe.load_teacher(configuration)}
     if Path(configuration.people).is_dir() and is_trained_human(configuration.people):
@@ -135,7 +135,7 @@ def train(
 
 def resume(
     out: Path,
-    report: Report = lambda progress: None,
+    report: TrainingReporter = lambda progress: None,
     steps: int | None = None,
     *,
     cluster: "Cluster | None" = None,
@@ -156,7 +156,7 @@ def resume(
             files are damaged.
     """
     configuration = stored = read_configuration(out)
-    _check(configuration, stored_people(configuration.people, out), cluster)
+    _check(configuration, stored_people_path(configuration.people, out), cluster)
     with lock_folder(out):
         if steps is not None and steps != configuration.steps:
             configuration = _lengthened(configuration, steps, out)
@@ -171,7 +171,7 @@ def resume(
 def _check_unused(out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise FileExistsError(f"{out} is a file; set --out to a folder")
-    if contains_training(out):
+    if contains_training_run(out):
         raise FileExistsError(
             f"{out} already contains a training run; choose another folder, or add --resume"
         )
@@ -200,11 +200,11 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
             )
         return
     find_impairment(configuration.impairment)
-    check_available(configuration.engine)
-    feedforward_recipe.check(configuration, people, cluster)
+    check_engine_available(configuration.engine)
+    feedforward_recipe.check_configuration(configuration, people, cluster)
     if cluster is not None:
-        worlds = -(-configuration.num_envs // feedforward_recipe.num_requests(configuration, cluster))
-        cluster.reserve_memory(worlds * WORLD_BYTES)
+        worlds = -(-configuration.num_envs // feedforward_recipe.num_rollout_requests(configuration, cluster))
+        cluster.reserve_memory(worlds * BYTES_PER_WORLD)
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
@@ -212,7 +212,7 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
     observation, action = observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
-    needed, available = worlds * (episode if cluster else WORLD_BYTES), memory_bytes()
+    needed, available = worlds * (episode if cluster else BYTES_PER_WORLD), total_memory_bytes()
     if available is not None and needed > available:
         raise ValueError(
             f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "
@@ -232,11 +232,11 @@ class _Trainer:
     """Runs a training run in this process, and writes checkpoints into its folder."""
 
     def __init__(
-        self, configuration: AnyConfiguration, out: Path, report: Report, cluster: "Cluster | None"
+        self, configuration: AnyConfiguration, out: Path, report: TrainingReporter, cluster: "Cluster | None"
     ) -> None:
         self._configuration, self._out, self._report = configuration, out, report
         self._recipe = _recipe(configuration, out, cluster)
-        self._curve: list[CurvePoint] = []
+        self._curve: list[LearningCurvePoint] = []
         self._seconds_before, self._started = 0.0, time.monotonic()
 
     def restore(self) -> None:
@@ -276,15 +276,15 @@ class _Trainer:
             if update.reward_mean is not None and update.success_rate is not None:
                 self._curve.append((recipe.steps, update.reward_mean, update.success_rate))
             self._save()
-            number = recipe.steps // configuration.update_steps
-            self._tell(f"{update.stage}, update {number} of {configuration.updates}")
+            number = recipe.steps // configuration.steps_per_update
+            self._tell(f"{update.stage}, update {number} of {configuration.total_updates}")
         policy = self._evaluate()
         shutil.rmtree(self._out / DEMONSTRATIONS_FOLDER, ignore_errors=True)
         return policy
 
     def _tell(self, stage: str) -> None:
         reward, success = self._curve[-1][1:] if self._curve else (None, None)
-        self._report(Progress(stage, self._recipe.steps, reward, success))
+        self._report(TrainingProgress(stage, self._recipe.steps, reward, success))
 
     def _is_evaluated(self) -> bool:
         return bool(Policy.load(self._out / POLICY_FILE).metadata.measured)
@@ -310,15 +310,15 @@ class _Trainer:
             curve=self._curve,
             plugins=plugins_of(configuration.environment),
             force_guard=configuration.force_guard,
-            settings=configuration.settings.changed,
+            settings=configuration.settings.changed_values,
         )
         return [
-            with_metadata(policy, curve=downsample(policy.metadata.curve))
+            with_metadata(policy, curve=downsample_curve(policy.metadata.curve))
             for policy in self._recipe.policies(metadata)
         ]
 
     def _save_policies(self, policies: list[Policy]) -> None:
-        for policy, name in zip(policies, (POLICY_FILE, HUMAN_FILE), strict=False):
+        for policy, name in zip(policies, (POLICY_FILE, HUMAN_POLICY_FILE), strict=False):
             policy.save(self._out / name, overwrite=True)
 
     def _evaluate(self) -> Policy:
@@ -342,11 +342,11 @@ class _Trainer:
         """Evaluate the saved policy with the training population, or with the human that was trained together with it.
         Returns the results that the policy file stores."""
         configuration, out = self._configuration, self._out
-        people, impairment = stored_people(configuration.people, out), "none"
+        people, impairment = stored_people_path(configuration.people, out), "none"
         if isinstance(configuration, FeedforwardConfiguration):
             impairment = configuration.impairment
             if configuration.pairing is not None:
-                people, impairment = str(out / HUMAN_FILE), "none"
+                people, impairment = str(out / HUMAN_POLICY_FILE), "none"
         row = evaluate(
             configuration.environment,
             str(out / POLICY_FILE),
@@ -359,7 +359,11 @@ class _Trainer:
             settings=configuration.settings,
             steps=configuration.episode_steps,
         )
-        names = [*STORED_RESULTS, "guard_interventions"] if configuration.force_guard else STORED_RESULTS
+        names = (
+            [*STORED_RESULT_NAMES, "guard_interventions"]
+            if configuration.force_guard
+            else STORED_RESULT_NAMES
+        )
         return {name: getattr(row, name) for name in names}
 
     @property
@@ -373,9 +377,9 @@ def with_metadata(policy: Policy, **changes: Any) -> Policy:
     return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 
-def downsample(curve: list[CurvePoint]) -> list[CurvePoint]:
-    """Returns at most ``CURVE_POINTS`` points of a curve, including the last point."""
-    stride = -(-len(curve) // CURVE_POINTS) or 1
+def downsample_curve(curve: list[LearningCurvePoint]) -> list[LearningCurvePoint]:
+    """Returns at most ``MAX_CURVE_POINTS`` points of a curve, including the last point."""
+    stride = -(-len(curve) // MAX_CURVE_POINTS) or 1
     return curve[::-stride][::-1]
 
 

@@ -10,15 +10,15 @@ from torch.nn.functional import relu
 
 from avrgym.array_types import FloatArray
 from avrgym.networks.policy import Policy
-from avrgym.networks.vision import Vision
+from avrgym.networks.vision import VisionNetwork
 
-CHANNELS, KERNELS, STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
+CONVOLUTION_CHANNELS, KERNEL_SIZES, CONVOLUTION_STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
 """Number of output channels, kernel size and stride of each convolution."""
-IMAGE_UNITS, COMBINED_UNITS = 64, 96
+IMAGE_LAYER_UNITS, COMBINED_LAYER_UNITS = 64, 96
 """Units of the first dense layer, with image features as inputs, and of the second, also with the measured entries."""
 
 
-class VisualNetwork(nn.Module):
+class TrainableVisionNetwork(nn.Module):
     """Estimates entries of the normalised observation, and computes a teacher's actions from the estimates."""
 
     def __init__(self, teacher: Policy, estimated: list[int], image_shape: tuple[int, int, int]) -> None:
@@ -26,16 +26,18 @@ class VisualNetwork(nn.Module):
         super().__init__()
         height, width, channels = image_shape
         convolutions: list[nn.Module] = []
-        for outputs, size, stride in zip(CHANNELS, KERNELS, STRIDES, strict=True):
+        for outputs, size, stride in zip(
+            CONVOLUTION_CHANNELS, KERNEL_SIZES, CONVOLUTION_STRIDES, strict=True
+        ):
             convolutions.append(nn.Conv2d(channels, outputs, size, stride))
             height, width, channels = (height - size) // stride + 1, (width - size) // stride + 1, outputs
         measured = teacher.observation_size - len(estimated)
         self.convolutions = nn.ModuleList(convolutions)
         self.dense = nn.ModuleList(
             [
-                nn.Linear(height * width * channels, IMAGE_UNITS),
-                nn.Linear(IMAGE_UNITS + measured, COMBINED_UNITS),
-                nn.Linear(COMBINED_UNITS, len(estimated)),
+                nn.Linear(height * width * channels, IMAGE_LAYER_UNITS),
+                nn.Linear(IMAGE_LAYER_UNITS + measured, COMBINED_LAYER_UNITS),
+                nn.Linear(COMBINED_LAYER_UNITS, len(estimated)),
             ]
         )
         self._estimated = estimated
@@ -52,7 +54,7 @@ class VisualNetwork(nn.Module):
         joined = torch.cat([seen, rows[:, self._measured]], dim=1)
         return self.dense[2](relu(self.dense[1](joined)))
 
-    def actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
+    def teacher_actions(self, rows: Tensor, estimates: Tensor) -> Tensor:
         """Returns the teacher's mean actions (N, A). In its input ``rows`` (N, O), the estimates replace the
         estimated entries.
         """
@@ -63,12 +65,12 @@ class VisualNetwork(nn.Module):
         weight, bias = self._teacher[-1]
         return filled @ weight + bias
 
-    def vision(self) -> Vision:
+    def numpy_network(self) -> VisionNetwork:
         """Returns the network as NumPy arrays."""
-        return Vision(
+        return VisionNetwork(
             kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),
             kernel_biases=tuple(_array(each.bias) for each in self.convolutions),
-            strides=np.array(STRIDES, float),
+            strides=np.array(CONVOLUTION_STRIDES, float),
             dense_weights=tuple(_array(each.weight).T for each in self.dense),
             dense_biases=tuple(_array(each.bias) for each in self.dense),
             estimated_indices=np.array(self._estimated, float),

@@ -22,12 +22,12 @@ from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import Float32Array, FloatArray, NumpyArray
 from avrgym.learning.configuration import VisualConfiguration
-from avrgym.learning.hyperparameters import VISUAL
+from avrgym.learning.hyperparameters import VISUAL_HYPERPARAMETERS
 from avrgym.learning.imitation import Demonstration, Demonstrations
-from avrgym.learning.recipe import Update
-from avrgym.learning.visual_network import VisualNetwork
-from avrgym.models.cameras import CameraSpec, as_cameras
-from avrgym.networks.vision import network_input
+from avrgym.learning.recipe import UpdateResults
+from avrgym.learning.visual_network import TrainableVisionNetwork
+from avrgym.models.cameras import CameraSpec, parse_cameras
+from avrgym.networks.vision import vision_input
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
@@ -54,7 +54,9 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
         ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
     """
     camera_of(configuration)
-    teacher = registry.find(configuration.teacher, configuration.environment, configuration.settings)
+    teacher = registry.resolve_policy(
+        configuration.teacher, configuration.environment, configuration.settings
+    )
     if not isinstance(teacher, Policy) or teacher.memory is not None or teacher.vision is not None:
         raise ValueError(
             f"{configuration.teacher!r} cannot be a teacher of vision; allowed: a feed-forward policy without vision, "
@@ -70,7 +72,7 @@ def camera_of(configuration: VisualConfiguration) -> CameraSpec:
         ValueError: if the robot does not have the camera, or if the images are segmentations.
     """
     _, scene = task_and_scene(configuration.environment, configuration.settings)
-    (camera,) = as_cameras([configuration.camera], scene.robot)
+    (camera,) = parse_cameras([configuration.camera], scene.robot)
     if "segmentation" in camera.kinds:
         raise ValueError(
             f"the camera of the policy is {configuration.camera!r}; allowed kinds of images: rgb, depth"
@@ -94,7 +96,7 @@ class VisualRecipe:
         torch.set_num_threads(1)  # more threads would change the order of sums
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(configuration.seed)
-            self._network = VisualNetwork(
+            self._network = TrainableVisionNetwork(
                 self._teacher, self._estimated, (camera.height_px, camera.width_px, channels)
             )
         self._demonstrations = Demonstrations(out, VisualDemonstration)
@@ -103,27 +105,27 @@ class VisualRecipe:
 
     @property
     def steps(self) -> int:
-        return self._rounds * self._configuration.update_steps
+        return self._rounds * self._configuration.steps_per_update
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
         return (self._teacher.action_std,)
 
-    def update(self) -> Update:
+    def update(self) -> UpdateResults:
         number, configuration = self._rounds, self._configuration
         random = random_streams.imitation_generator(configuration.seed, number)
-        teacher_drives = random.random(configuration.num_envs) < VISUAL.expert_share**number
+        teacher_drives = random.random(configuration.num_envs) < VISUAL_HYPERPARAMETERS.expert_share**number
         returns, success = self._roll_out(number, random, teacher_drives)
-        self._fit(random, last=number == configuration.updates - 1)
+        self._fit(random, last=number == configuration.total_updates - 1)
         self._rounds += 1
         own = ~teacher_drives
         if not own.any():
-            return Update("imitation", None, None)
-        return Update("imitation", float(returns[own].mean()), float(success[own].mean()))
+            return UpdateResults("imitation", None, None)
+        return UpdateResults("imitation", float(returns[own].mean()), float(success[own].mean()))
 
     def policies(self, metadata: PolicyMetadata) -> list[Policy]:
         metadata = msgspec.structs.replace(metadata, camera=self._configuration.camera)
-        return [replace(self._teacher, metadata=metadata, vision=self._network.vision())]
+        return [replace(self._teacher, metadata=metadata, vision=self._network.numpy_network())]
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
         return {"network": self._network.state_dict()}, {"rounds": self._rounds}
@@ -131,7 +133,7 @@ class VisualRecipe:
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
         self._network.load_state_dict(tensors["network"])
         self._rounds = values["rounds"]
-        if self._rounds < self._configuration.updates:
+        if self._rounds < self._configuration.total_updates:
             self._demonstrations.read(self._rounds)
 
     def _roll_out(
@@ -150,13 +152,13 @@ class VisualRecipe:
         actions: list[FloatArray] = []
         images: list[NumpyArray] = []
         returns, success = np.zeros(count), np.zeros(count, dtype=bool)
-        for _ in range(VISUAL.episode_steps):
+        for _ in range(VISUAL_HYPERPARAMETERS.episode_steps):
             image = self._image(worlds)
-            taught = self._teacher.mean(observation)
+            taught = self._teacher.mean_actions(observation)
             observations.append(observation)
             actions.append(taught)
             images.append(image)
-            noise = VISUAL.noise_std * random.standard_normal(taught.shape)
+            noise = VISUAL_HYPERPARAMETERS.teacher_noise_std * random.standard_normal(taught.shape)
             own = self._act(observation, image)
             action = np.where(teacher_drives[:, None], taught + noise, own)
             step = worlds.step(np.clip(action, -1.0, 1.0).astype(float))
@@ -185,17 +187,17 @@ class VisualRecipe:
         """Render the worlds. Returns the input of the network (N, H, W, C) in half precision."""
         (camera,) = self._cameras
         images = worlds.images(self._cameras)
-        return network_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(
+        return vision_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(
             np.float16
         )
 
     def _act(self, observation: FloatArray, image: NumpyArray) -> FloatArray:
         rows = self._normalised(observation.astype(np.float32))
         with torch.no_grad():
-            return self._network.actions(rows, self._network(_channels_first(image), rows)).numpy()
+            return self._network.teacher_actions(rows, self._network(_channels_first(image), rows)).numpy()
 
     def _normalised(self, observations: Float32Array) -> torch.Tensor:
-        return torch.as_tensor(self._teacher.normalise(observations), dtype=torch.float32)
+        return torch.as_tensor(self._teacher.normalise_observations(observations), dtype=torch.float32)
 
     def _fit(self, random: np.random.Generator, *, last: bool) -> None:
         """Train the network on all demonstrations, with more gradient steps in the last round."""
@@ -204,19 +206,19 @@ class VisualRecipe:
         images = torch.as_tensor(self._demonstrations.concatenate("images"))
         true = rows[:, self._estimated]
         steps, decay = (
-            (VISUAL.final_round_gradient_steps, VISUAL.final_round_lr_decay)
+            (VISUAL_HYPERPARAMETERS.final_round_gradient_steps, VISUAL_HYPERPARAMETERS.final_round_lr_decay)
             if last
-            else (VISUAL.gradient_steps, VISUAL.lr_decay)
+            else (VISUAL_HYPERPARAMETERS.gradient_steps, VISUAL_HYPERPARAMETERS.lr_decay)
         )
-        optimizer = torch.optim.Adam(self._network.parameters(), VISUAL.learning_rate)
+        optimizer = torch.optim.Adam(self._network.parameters(), VISUAL_HYPERPARAMETERS.learning_rate)
         schedule = ExponentialLR(optimizer, decay ** (1.0 / steps))
         for _ in range(steps):
-            batch = torch.as_tensor(random.integers(len(rows), size=VISUAL.batch_size))
+            batch = torch.as_tensor(random.integers(len(rows), size=VISUAL_HYPERPARAMETERS.batch_size))
             estimates = self._network(_channels_first(images[batch]), rows[batch])
-            acted = self._network.actions(rows[batch], estimates).clamp(-1.5, 1.5)
-            loss = smooth_l1_loss(estimates, true[batch]) + VISUAL.action_weight * mse_loss(
-                acted, actions[batch]
-            )
+            acted = self._network.teacher_actions(rows[batch], estimates).clamp(-1.5, 1.5)
+            loss = smooth_l1_loss(
+                estimates, true[batch]
+            ) + VISUAL_HYPERPARAMETERS.action_loss_weight * mse_loss(acted, actions[batch])
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()

@@ -5,7 +5,11 @@ from typing import Literal
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 
-BodyPart = Literal["head", "left", "right"]
+TrackedBodyPart = Literal["head", "left", "right"]
 """A body part with VR tracking: ``head`` (with the trunk), ``left`` arm or ``right`` arm."""
-BODY_PARTS: tuple[BodyPart, ...] = ("head", "left", "right")
-BODY_PART_LABELS: dict[BodyPart, str] = {"head": "head", "left": "left hand", "right": "right hand"}
+TRACKED_BODY_PARTS: tuple[TrackedBodyPart, ...] = ("head", "left", "right")
+TRACKED_BODY_PART_LABELS: dict[TrackedBodyPart, str] = {
+    "head": "head",
+    "left": "left hand",
+    "right": "right hand",
+}

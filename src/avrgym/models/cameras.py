@@ -17,14 +17,14 @@ from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.geometry import transforms
 from avrgym.models import robot
 from avrgym.models.collision_bits import VISUAL_GROUP
-from avrgym.models.scene import TOOL, SceneConfig
+from avrgym.models.scene import SCENE_TOOL_BODY, SceneConfig
 
 WRIST_CAMERA, SCENE_CAMERA = "wrist", "scene"
 ImageKind = Literal["rgb", "depth", "segmentation"]
 IMAGE_KINDS: tuple[ImageKind, ...] = get_args(ImageKind)
-MIN_SIZE_PX, MAX_SIZE_PX = (64, 64), (640, 480)
+MIN_IMAGE_SIZE_PX, MAX_IMAGE_SIZE_PX = (64, 64), (640, 480)
 """Smallest and largest width and height of an image."""
-MAX_DEPTH_M = 10.0
+MAX_IMAGE_DEPTH_M = 10.0
 """Maximum depth in depth images. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
 """Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
@@ -32,19 +32,19 @@ STATE_ENTRY, COMMAND_ENTRY = "state", "command"
 """Names of the entries without images in dictionary observations."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
 """An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.entries``."""
-SCENE_FOVY_DEG = 45.0
+SCENE_CAMERA_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``."""
-WRIST_FOVY_DEG = 58.0
+WRIST_CAMERA_FOVY_DEG = 58.0
 """Vertical field of view of the wrist camera: that of an Intel RealSense D435 (data sheet: 87° × 58°)."""
-WRIST_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
+WRIST_CAMERA_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
 """Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
 fingers."""
-WRIST_TARGET_M = np.array([0.40, 0.0, 0.0])
+WRIST_CAMERA_TARGET_M = np.array([0.40, 0.0, 0.0])
 """Point on the optical axis of the wrist camera, in the tool's frame: in front of the working point."""
 _FLOOR_RGBA = [0.72, 0.71, 0.68, 1.0]
 
 
-ImageType = np.uint8 | np.float32 | np.int32
+ImageDtype = np.uint8 | np.float32 | np.int32
 
 
 class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -54,7 +54,7 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         name: ``wrist``, ``scene``, or another camera of the robot.
         width_px, height_px: size of its images, 64 × 64 to 640 × 480.
         kinds: one or more of ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 in metres along the optical axis, at
-            most ``MAX_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``SEGMENTATION_LABELS``.
+            most ``MAX_IMAGE_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``SEGMENTATION_LABELS``.
         fovy_deg: vertical field of view; by default that of the real camera.
 
     Raises:
@@ -69,8 +69,8 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def __post_init__(self) -> None:
         for what, size, low, high in (
-            ("width_px", self.width_px, MIN_SIZE_PX[0], MAX_SIZE_PX[0]),
-            ("height_px", self.height_px, MIN_SIZE_PX[1], MAX_SIZE_PX[1]),
+            ("width_px", self.width_px, MIN_IMAGE_SIZE_PX[0], MAX_IMAGE_SIZE_PX[0]),
+            ("height_px", self.height_px, MIN_IMAGE_SIZE_PX[1], MAX_IMAGE_SIZE_PX[1]),
         ):
             if type(size) is not int or not low <= size <= high:
                 raise ValueError(f"{what} of camera {self.name!r} is {size!r}; allowed: {low} to {high}")
@@ -83,13 +83,13 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.fovy_deg is not None and not 5.0 <= self.fovy_deg <= 150.0:
             raise ValueError(f"fovy_deg of camera {self.name!r} is {self.fovy_deg!r}; allowed: 5 to 150")
 
-    def entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
+    def image_entries(self) -> dict[str, tuple[tuple[int, ...], type[ImageDtype], float]]:
         """Returns shape, type and largest value of each image, by the name of the image's entry, such as
         ``wrist_rgb``."""
         size = (self.height_px, self.width_px)
-        format_of_kind: dict[ImageKind, tuple[tuple[int, ...], type[ImageType], float]] = {
+        format_of_kind: dict[ImageKind, tuple[tuple[int, ...], type[ImageDtype], float]] = {
             "rgb": ((*size, 3), np.uint8, 255),
-            "depth": (size, np.float32, MAX_DEPTH_M),
+            "depth": (size, np.float32, MAX_IMAGE_DEPTH_M),
             "segmentation": (size, np.int32, len(SEGMENTATION_LABELS) - 1),
         }
         return {f"{self.name}_{kind}": format_of_kind[kind] for kind in self.kinds}
@@ -99,7 +99,7 @@ AnyCamera = CameraSpec | str | Mapping[str, Any]
 """A description of a camera: a ``CameraSpec``, its fields, its name, or a text such as ``wrist:128x96:rgb+depth``."""
 
 
-def as_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
+def parse_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
     """Convert descriptions of cameras to ``CameraSpec`` records, and check them for a robot. Returns the records.
 
     Raises:
@@ -128,7 +128,7 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
         return camera
     try:
         if isinstance(camera, str):
-            return camera_from_text(camera)
+            return parse_camera(camera)
         return msgspec.convert(dict(camera), CameraSpec)
     except (msgspec.ValidationError, TypeError) as error:
         raise ValueError(
@@ -137,7 +137,7 @@ def _as_camera(camera: AnyCamera) -> CameraSpec:
         ) from error
 
 
-def camera_from_text(text: str) -> CameraSpec:
+def parse_camera(text: str) -> CameraSpec:
     """Returns the camera for a text with name, size and kinds of images, such as ``wrist:128x96:rgb+depth``.
 
     Raises:
@@ -157,13 +157,13 @@ def camera_from_text(text: str) -> CameraSpec:
 
 def image_entries(
     cameras: Iterable[CameraSpec],
-) -> dict[str, tuple[tuple[int, ...], type[ImageType], float]]:
+) -> dict[str, tuple[tuple[int, ...], type[ImageDtype], float]]:
     """Returns shape, type and largest value of each image of these cameras, by the name of the image's entry."""
-    return {name: entry for camera in cameras for name, entry in camera.entries().items()}
+    return {name: entry for camera in cameras for name, entry in camera.image_entries().items()}
 
 
 @dataclass(frozen=True)
-class FixedView:
+class SceneCameraPose:
     """Pose of the camera ``scene``: its position and a point on its optical axis, (3,) each, world frame, metres."""
 
     pos_w: FloatArray
@@ -171,16 +171,20 @@ class FixedView:
 
 
 def add_cameras(
-    spec: mujoco.MjSpec, scene: SceneConfig, view: FixedView, cameras: Sequence[CameraSpec]
+    spec: mujoco.MjSpec, scene: SceneConfig, view: SceneCameraPose, cameras: Sequence[CameraSpec]
 ) -> None:
     """Add cameras to the model of a scene. ``view`` is the pose of the camera ``scene``."""
     for camera in cameras:
         if camera.name == SCENE_CAMERA:
-            body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_FOVY_DEG
+            body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_CAMERA_FOVY_DEG
             q = camera_rotation(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
         elif camera.name == WRIST_CAMERA:
-            body, pos, fovy_deg = spec.body(TOOL), scene.tool.grip_pos + WRIST_FROM_GRIP_M, WRIST_FOVY_DEG
-            q = camera_rotation(WRIST_TARGET_M - pos, [0.0, 0.0, 1.0])
+            body, pos, fovy_deg = (
+                spec.body(SCENE_TOOL_BODY),
+                scene.tool.grip_pos + WRIST_CAMERA_FROM_GRIP_M,
+                WRIST_CAMERA_FOVY_DEG,
+            )
+            q = camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0])
         else:
             mount = scene.robot.cameras[camera.name]
             body, pos, fovy_deg = spec.body(robot.PREFIX + mount.body), mount.pos_m, mount.fovy_deg
@@ -216,7 +220,7 @@ def add_surroundings(spec: mujoco.MjSpec) -> None:
     )  # fmt: skip
 
 
-def update_positions(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -> None:
+def update_poses(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -> None:
     """Compute the poses of all bodies, geoms and cloth vertices for rendering, from joint positions (nq,)."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)

@@ -42,7 +42,7 @@ class Cloth:
     young_modulus_pa: float
     poisson_ratio: float
     damping_s: float
-    radius_m: float
+    contact_radius_m: float
     friction: float
     rgb: tuple[float, float, float]
 
@@ -52,7 +52,7 @@ class Cloth:
         return tuple(f"{self.name}_{i}" for i in range(len(self.initial_pos)))
 
 
-ATTACHMENT_TIME_S = 0.02
+ATTACHMENT_TIME_CONSTANT_S = 0.02
 """Time constant of the constraints between attached vertices and the tool."""
 _STRETCH_AND_BEND = 3
 _NARROW_INERTIA_M2 = 1e-4
@@ -85,7 +85,7 @@ def add_cloth(spec: mujoco.MjSpec, cloth: Cloth, prefix: str, appearance: bool) 
             objtype=mujoco.mjtObj.mjOBJ_SITE,
             name1=prefix + _site_name(cloth, vertex),
             name2=name,
-            solref=[ATTACHMENT_TIME_S, 1.0],
+            solref=[ATTACHMENT_TIME_CONSTANT_S, 1.0],
         )
 
 
@@ -96,7 +96,8 @@ def _site_name(cloth: Cloth, vertex: int) -> str:
 def _add_flex(spec: mujoco.MjSpec, cloth: Cloth, appearance: bool) -> None:
     bits = collision_bits.CLOTH
     flex = spec.add_flex(
-        name=cloth.name, dim=2, radius=cloth.radius_m, young=cloth.young_modulus_pa, poisson=cloth.poisson_ratio,
+        name=cloth.name, dim=2, radius=cloth.contact_radius_m, young=cloth.young_modulus_pa,
+        poisson=cloth.poisson_ratio,
         thickness=cloth.thickness_m, damping=cloth.damping_s, elastic2d=_STRETCH_AND_BEND, selfcollide=0,
         contype=bits.contype, conaffinity=bits.conaffinity, friction=[cloth.friction, 0.005, 0.0001],
         group=collision_bits.VISUAL_GROUP,

@@ -14,7 +14,7 @@ def geom_colours(model: mujoco.MjModel) -> FloatArray:
     """Returns the RGBA colours (G, 4) of all geoms, 0 to 1, multiplied by the mean colours of their textures."""
     colours = _drawn(model, model.geom_matid, model.geom_rgba)
     for material in np.unique(model.geom_matid[model.geom_matid >= 0]):
-        colours[model.geom_matid == material, :3] *= texture_mean(model, int(material))
+        colours[model.geom_matid == material, :3] *= mean_texture_colour(model, int(material))
     return colours
 
 
@@ -35,7 +35,7 @@ def texture_pixels(model: mujoco.MjModel, texture: int) -> NDArray[np.uint8]:
     return model.tex_data[start : start + np.prod(shape)].reshape(shape)
 
 
-def texture_mean(model: mujoco.MjModel, material: int) -> FloatArray:
+def mean_texture_colour(model: mujoco.MjModel, material: int) -> FloatArray:
     """Returns the mean colour (3,) of a material's texture, 0 to 1; white without a texture."""
     texture = texture_index(model, material)
     if texture < 0:

@@ -5,14 +5,12 @@ apply thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contac
 bodies. The compliance of the person's body bounds the force at a contact point:
 
 - At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
-  ``MAX_CONTACT_FORCE_N`` at ``MAX_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
-  limits.
-- An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, the
-  additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2 E)
-  / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full speed
-  have 0.5 J (Jaco) or 1.1 J (PR2).
-- Motors can accelerate bodies into the person, and furniture can reflect bodies. For one or two steps, this adds the
-  force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
+``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
+limits. - An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact,
+the additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2
+E) / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full speed
+have 0.5 J (Jaco) or 1.1 J (PR2). - Motors can accelerate bodies into the person, and furniture can reflect bodies. For
+one or two steps, this adds the force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
 
 The sum of forces grows with the number of contact points. One collision shape therefore replaces the thin walls of a
 tool, see ``tools.Hull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
@@ -28,55 +26,63 @@ from avrgym.geometry.kinematics import joint_units
 from avrgym.models import collision_bits, human, robot, tools
 from avrgym.models.geoms import add_collision
 from avrgym.models.robot import Arm
-from avrgym.models.tools import Hull, Tool
+from avrgym.models.tools import CollisionHull, Tool
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCompliance:
     """MuJoCo's parameters of a compliant contact.
 
-    The impedance decreases from ``impedance_start`` at first touch to ``impedance_end`` at depth ``width_m``. It is a
-    power law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in
+    The impedance decreases from ``impedance_start`` at first touch to ``impedance_end`` at depth ``impedance_width_m``.
+    It is a power law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in
     MuJoCo's documentation.
     """
 
-    stiffness_s2: float
+    stiffness_per_s2: float
     """Acceleration per penetration depth (1/s²)."""
-    damping_s: float
+    damping_per_s: float
     """Acceleration per penetration speed (1/s)."""
     impedance_start: float
     impedance_end: float
-    width_m: float
-    midpoint: float = 0.5
-    power: float = 1.0
+    impedance_width_m: float
+    impedance_midpoint: float = 0.5
+    impedance_power: float = 1.0
 
     def impedance(self, depth_m: FloatArray) -> FloatArray:
         """Returns MuJoCo's contact impedance, 0 to 1, for penetration depths of any array shape."""
-        share = np.clip(depth_m / self.width_m, 0.0, 1.0)
-        rising = self.midpoint * (share / self.midpoint) ** self.power
-        levelling = 1.0 - (1.0 - self.midpoint) * ((1.0 - share) / (1.0 - self.midpoint)) ** self.power
+        share = np.clip(depth_m / self.impedance_width_m, 0.0, 1.0)
+        rising = self.impedance_midpoint * (share / self.impedance_midpoint) ** self.impedance_power
+        levelling = (
+            1.0
+            - (1.0 - self.impedance_midpoint)
+            * ((1.0 - share) / (1.0 - self.impedance_midpoint)) ** self.impedance_power
+        )
         return self.impedance_start + (self.impedance_end - self.impedance_start) * np.where(
-            share < self.midpoint, rising, levelling
+            share < self.impedance_midpoint, rising, levelling
         )
 
 
 SOFT_TISSUE = ContactCompliance(
-    stiffness_s2=1700.0,
-    damping_s=50.0,
+    stiffness_per_s2=1700.0,
+    damping_per_s=50.0,
     impedance_start=0.98,
     impedance_end=0.80,
-    width_m=0.1,
-    midpoint=0.005,
-    power=3.0,
+    impedance_width_m=0.1,
+    impedance_midpoint=0.005,
+    impedance_power=3.0,
 )
 WASHCLOTH_PAD = ContactCompliance(
-    stiffness_s2=1400.0, damping_s=25.0, impedance_start=0.70, impedance_end=0.30, width_m=0.03
+    stiffness_per_s2=1400.0,
+    damping_per_s=25.0,
+    impedance_start=0.70,
+    impedance_end=0.30,
+    impedance_width_m=0.03,
 )
 """Contact parameters of the washcloth's pad. With its low friction, MuJoCo's contact is 20 times stiffer: 15 N/mm at
 first touch and 70 N at most. The springs of the washcloth are much softer."""
-INVERSE_MASS_PER_KG = 3.2
+PERSON_INVERSE_MASS_PER_KG = 3.2
 """Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
-MAX_DEPTH_M = 0.05
+MAX_CONTACT_DEPTH_M = 0.05
 """Maximum penetration depth of the softening spring; at larger depths it becomes stiffer. Only an arm at full speed
 against a fixed person reaches this depth."""
 TREMOR_STRENGTH_SHARE = 1 / 3
@@ -92,16 +98,23 @@ def contact_force_n(depth_m: FloatArray) -> FloatArray:
     The robot is fixed in this model.
     """
     impedance = SOFT_TISSUE.impedance(depth_m)
-    return SOFT_TISSUE.stiffness_s2 * depth_m * impedance**2 / ((1.0 - impedance) * INVERSE_MASS_PER_KG)
+    return (
+        SOFT_TISSUE.stiffness_per_s2
+        * depth_m
+        * impedance**2
+        / ((1.0 - impedance) * PERSON_INVERSE_MASS_PER_KG)
+    )
 
 
-MAX_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, MAX_DEPTH_M, 501)).max())
+MAX_CONTACT_FORCE_N = float(contact_force_n(np.linspace(0.0, MAX_CONTACT_DEPTH_M, 501)).max())
 
 
 def impact_force_n(energy_j: FloatArray) -> FloatArray:
     """Returns the maximum additional forces of impacts, for kinetic energies of any array shape."""
-    compliance = (1.0 - SOFT_TISSUE.impedance_start) / SOFT_TISSUE.impedance_start * INVERSE_MASS_PER_KG
-    return 0.5 * SOFT_TISSUE.damping_s * np.sqrt(2.0 * energy_j / compliance)
+    compliance = (
+        (1.0 - SOFT_TISSUE.impedance_start) / SOFT_TISSUE.impedance_start * PERSON_INVERSE_MASS_PER_KG
+    )
+    return 0.5 * SOFT_TISSUE.damping_per_s * np.sqrt(2.0 * energy_j / compliance)
 
 
 def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: float) -> None:
@@ -123,27 +136,27 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
         ):  # MuJoCo uses the contact parameters of these tools
             set_compliance(geom, SOFT_TISSUE if geom.condim == 1 else WASHCLOTH_PAD)
     lead = lead_rad * joint_units([spec.joint(robot.PREFIX + joint).type for joint in arm.joints])
-    for joint, effort in zip(arm.joints, effort_limit(arm, lead), strict=True):
+    for joint, effort in zip(arm.joints, effective_effort_limit(arm, lead), strict=True):
         spec.actuator(robot.PREFIX + joint).forcerange = [-effort, effort]
 
 
 def set_compliance(geom: mujoco.MjsGeom, compliance: ContactCompliance = SOFT_TISSUE) -> None:
     """Set a geom's contact parameters. Negative ``solref`` values mean stiffness and damping in MuJoCo."""
     geom.solref = [
-        -compliance.stiffness_s2 * compliance.impedance_end**2,
-        -compliance.damping_s * compliance.impedance_end,
+        -compliance.stiffness_per_s2 * compliance.impedance_end**2,
+        -compliance.damping_per_s * compliance.impedance_end,
     ]
     geom.solimp = [
         compliance.impedance_start,
         compliance.impedance_end,
-        compliance.width_m,
-        compliance.midpoint,
-        compliance.power,
+        compliance.impedance_width_m,
+        compliance.impedance_midpoint,
+        compliance.impedance_power,
     ]
     geom.solmix = _DOMINANT_MIX
 
 
-def effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
+def effective_effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
     """Returns limits of torque or force (J,): the motor's limit, or the servo's spring force if this is lower.
 
     ``lead`` is the maximum distance between servo target and joint position.
@@ -157,10 +170,10 @@ def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) ->
     return np.where(trembling, TREMOR_STRENGTH_SHARE * strength_n_m, strength_n_m)
 
 
-def _replace_walls_by_hull(spec: mujoco.MjSpec, hull: Hull) -> None:
+def _replace_walls_by_hull(spec: mujoco.MjSpec, hull: CollisionHull) -> None:
     """Make people collide with a tool's hull instead of its walls."""
     body = spec.body(robot.PREFIX + tools.BODY)
-    for name in hull.walls:
+    for name in hull.replaced_geoms:
         spec.geom(robot.PREFIX + name).conaffinity = 0
     add_collision(
         body, robot.PREFIX + "hull", hull.shape, collision_bits.HULL, pos=hull.pos, size=hull.size, mass=0.0

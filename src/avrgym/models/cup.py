@@ -11,9 +11,9 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_material, add_skin
+from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_material, add_visual_mesh
 from avrgym.models.shapes import revolve
-from avrgym.models.tools import Hull, Particles, Tool
+from avrgym.models.tools import CollisionHull, Particles, Tool
 
 _WALLS, _WALL_M, _FLOOR_M = 8, 0.004, 0.006
 _GRIP_HEIGHT_M = 0.05
@@ -51,7 +51,7 @@ CUP_SHAPES: Mapping[str, CupShape] = {
     "mug": CupShape(0.043, 0.038, 0.095),
 }
 """Shapes of cups by name. ``cup`` is the cup of the 2020 reference with a narrower foot, for the robots' hands."""
-CUP_SHAPE = CUP_SHAPES["cup"]
+DEFAULT_CUP_SHAPE = CUP_SHAPES["cup"]
 
 
 def _packed(shape: CupShape, radius_m: float) -> FloatArray:
@@ -79,7 +79,7 @@ def _layer(axis_x_m: float, z: float, reach_m: float, pitch: float, *, shifted: 
 
 WATER = Particles(
     name="water",
-    initial_pos=_packed(CUP_SHAPE, 0.005)[:64],
+    initial_pos=_packed(DEFAULT_CUP_SHAPE, 0.005)[:64],
     radius_m=0.005,
     mass_kg=0.001,
     rgb=(0.35, 0.62, 0.86),
@@ -106,7 +106,7 @@ def make_cup(name: str = "cup", particles: int = len(WATER.initial_pos)) -> Tool
         partial(_build_cup, shape),
         grip_pos=(shape.axis_x_m, 0.0, _GRIP_HEIGHT_M - shape.height_m),
         particles=replace(WATER, initial_pos=places[:particles]),
-        hull=Hull(
+        hull=CollisionHull(
             ("cup_floor", *(f"cup_wall_{wall}" for wall in range(_WALLS))),
             CYLINDER,
             pos=(shape.axis_x_m, 0.0, -0.5 * shape.height_m),
@@ -124,18 +124,24 @@ def _build_cup(shape: CupShape, spec: mujoco.MjSpec, body: mujoco.MjsBody, appea
         _add_wall(shape, body, f"cup_wall_{wall}", 2.0 * np.pi * (wall + 0.5) / _WALLS)
     if appearance:
         white = add_material(spec, "cup", (0.94, 0.94, 0.92), roughness=0.35)
-        add_skin(spec, body, "cup_skin", white, revolve(_outline(shape)), pos=[shape.axis_x_m, 0.0, 0.0])
+        add_visual_mesh(
+            spec, body, "cup_skin", white, revolve(_outline(shape)), pos=[shape.axis_x_m, 0.0, 0.0]
+        )
 
 
 def _outline(shape: CupShape) -> list[tuple[float, float]]:
-    """Returns points (radius, height) of the visual mesh's profile: the profile of ``CUP_SHAPE``, scaled to a shape."""
+    """Returns points (radius, height) of the visual mesh's profile: the profile of ``DEFAULT_CUP_SHAPE``, scaled to a
+    shape.
+    """
 
     def wider(share: float) -> float:
         rim, foot = (1.0 - share) * shape.rim_radius_m, share * shape.foot_radius_m
-        return (rim + foot) / ((1.0 - share) * CUP_SHAPE.rim_radius_m + share * CUP_SHAPE.foot_radius_m)
+        return (rim + foot) / (
+            (1.0 - share) * DEFAULT_CUP_SHAPE.rim_radius_m + share * DEFAULT_CUP_SHAPE.foot_radius_m
+        )
 
-    taller = shape.height_m / CUP_SHAPE.height_m
-    return [(r * wider(-z / CUP_SHAPE.height_m), z * taller) for r, z in _OUTLINE]
+    taller = shape.height_m / DEFAULT_CUP_SHAPE.height_m
+    return [(r * wider(-z / DEFAULT_CUP_SHAPE.height_m), z * taller) for r, z in _OUTLINE]
 
 
 def _add_wall(shape: CupShape, body: mujoco.MjsBody, name: str, angle_rad: float) -> None:

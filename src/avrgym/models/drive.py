@@ -7,10 +7,10 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 
-MOTOR_GROUP = 1
+MOTOR_ACTUATOR_GROUP = 1
 """Actuator group of the moving arm and of the drive."""
 _SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
-DRIVE_ACTIONS = ("forward", "turn")
+DRIVE_ACTION_NAMES = ("forward", "turn")
 """Names of an action's components for the drive. They follow the components for the arm."""
 
 
@@ -73,6 +73,6 @@ def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDriv
             gear=gear,
             forcerange=[-limit, limit],
             forcelimited=True,
-            group=MOTOR_GROUP,
+            group=MOTOR_ACTUATOR_GROUP,
         )
         servo.set_to_velocity(kv=DRIVE_SERVO_FREQUENCY_RAD_S * moved)

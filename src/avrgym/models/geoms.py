@@ -35,11 +35,11 @@ def add_visual(body: mujoco.MjsBody, kind: mujoco.mjtGeom, material: str, **attr
     )
 
 
-def add_skin(
+def add_visual_mesh(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes: Any
 ) -> None:
     """Add a visible mesh from ``shapes``; ``name`` is the name of the mesh asset."""
-    spec.add_mesh(
+    spec.add_trimesh(
         name=name,
         uservert=mesh.vertices.ravel(),
         userface=mesh.faces.ravel(),

@@ -31,7 +31,7 @@ from avrgym.models.human import (
     Proportions,
     Sex,
     bind_frames,
-    layout_of_people,
+    body_layout_of_people,
 )
 
 
@@ -57,12 +57,12 @@ SKIN_PARTS: Mapping[str, SkinPart] = {
     "teeth": SkinPart((0.80, 0.77, 0.70), 0.3),
     "tongue": SkinPart((0.60, 0.28, 0.26), 0.3),
 }
-HEAD_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
+HEAD_SKIN_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's first-person view."""
 
-POSITION_RANGE_M, MOUTH_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
+STORED_POSITION_RANGE_M, STORED_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
 """Ranges of stored positions and of stored mouth displacements, and the share of the displacement for an open mouth."""
-ARM = ("upper_arm", "forearm")
+ARM_SEGMENTS = ("upper_arm", "forearm")
 """Arm segments that are scaled by ``Person.arm_scale``."""
 CROWN_STRETCH_SHARE = 0.5
 """Stretch of the head above the mouth as a share of the torso's stretch. The head's collision sphere moves equally."""
@@ -79,11 +79,11 @@ class SkinMesh:
     vertices: FloatArray
     uv: FloatArray
     faces: NDArray[np.int32]
-    bodies: NDArray[np.int64]
-    weights: FloatArray
+    body_indices: NDArray[np.int64]
+    body_weights: FloatArray
 
 
-def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
+def add_person_skins(spec: mujoco.MjSpec, person: Person, posture: Posture, *, open_mouth: bool) -> None:
     """Add the skins of the scene's person. A person in bed has no shoes."""
     _add_materials(spec, person)
     pos, q = bind_frames(
@@ -92,7 +92,7 @@ def add_appearance(spec: mujoco.MjSpec, person: Person, posture: Posture, *, ope
     for name, shape in skin_meshes(person, open_mouth=open_mouth):
         if name == ("feet" if posture.shoes else "shoes"):
             continue
-        skin = spec.add_skin(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
+        skin = spec.add_visual_mesh(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
         skin.vert, skin.texcoord = shape.vertices.ravel(), shape.uv.ravel()
         skin.face = shape.faces.ravel()
         _bind(skin, shape, pos, q)
@@ -128,14 +128,14 @@ def _material(part: str) -> str:
 def _bind(
     skin: mujoco.MjsSkin, shape: SkinMesh, pos: Mapping[str, FloatArray], q: Mapping[str, FloatArray]
 ) -> None:
-    used: list[int] = np.unique(shape.bodies[shape.weights > 0.0]).tolist()
+    used: list[int] = np.unique(shape.body_indices[shape.body_weights > 0.0]).tolist()
     names = [BODIES[body] for body in used]
     skin.bodyname = [PREFIX + name for name in names]
     skin.bindpos = np.concatenate([pos[name] for name in names])
     skin.bindquat = np.concatenate([q[name] for name in names])
-    held = [(shape.bodies == body) & (shape.weights > 0.0) for body in used]
+    held = [(shape.body_indices == body) & (shape.body_weights > 0.0) for body in used]
     skin.vertid = [np.nonzero(of_body)[0].tolist() for of_body in held]
-    skin.vertweight = [shape.weights[of_body].tolist() for of_body in held]
+    skin.vertweight = [shape.body_weights[of_body].tolist() for of_body in held]
 
 
 def skin_meshes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, SkinMesh]]:
@@ -156,22 +156,26 @@ def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMes
     girths = None if person.bmi_kg_m2 is None else _girths(person)
     placed = np.zeros((len(vertices), 3))
     for number, body in enumerate(BODIES):
-        weight = np.where(drawn.bodies == number, drawn.weights, 0.0).sum(axis=1, keepdims=True)
+        weight = np.where(drawn.body_indices == number, drawn.body_weights, 0.0).sum(axis=1, keepdims=True)
         local = transforms.rotate(transforms.conjugate(q[body]), vertices - old_pos[body])
         if girths is not None:
             local = _widened(local, body, girths, PROPORTIONS[person.sex])
         placed += weight * (
             new_pos[body]
             + transforms.rotate(
-                q[body], _lengthened(local, body, h * (person.arm_scale if body.endswith(ARM) else 1.0))
+                q[body],
+                _lengthened(local, body, h * (person.arm_scale if body.endswith(ARM_SEGMENTS) else 1.0)),
             )
         )
-    return SkinMesh(placed, drawn.uv, drawn.faces, drawn.bodies, drawn.weights)
+    return SkinMesh(placed, drawn.uv, drawn.faces, drawn.body_indices, drawn.body_weights)
 
 
 def _girths(person: Person) -> Mapping[str, float]:
     """Returns radii and breadths relative to the reference of the sex, by the name of the measure."""
-    built, reference = layout_of_people(People.of([person])).proportions, PROPORTIONS[person.sex]
+    built, reference = (
+        body_layout_of_people(People.from_persons([person])).proportions,
+        PROPORTIONS[person.sex],
+    )
     return {name: float(getattr(built, name)[0]) / getattr(reference, name) for name in GIRTH_EXPONENTS}
 
 
@@ -210,21 +214,23 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
 def _stored_parts(sex: Sex) -> Mapping[str, tuple[SkinMesh, FloatArray]]:
     """Returns the stored parts by name, and the displacement of their vertices (V, 3) if the mouth is open."""
     with np.load(io.BytesIO(_asset(f"{sex}.npz"))) as stored:
-        return {name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAYS}) for name in SKIN_PARTS}
+        return {
+            name: _unpacked({k: stored[f"{name}/{k}"] for k in STORED_ARRAY_NAMES}) for name in SKIN_PARTS
+        }
 
 
-STORED_ARRAYS = ("vertices", "opening", "uv", "faces", "bodies", "weights")
+STORED_ARRAY_NAMES = ("vertices", "opening", "uv", "faces", "bodies", "weights")
 
 
 def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[SkinMesh, FloatArray]:
     shape = SkinMesh(
-        vertices=POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
+        vertices=STORED_POSITION_RANGE_M * stored["vertices"] / np.iinfo(np.int16).max,
         uv=stored["uv"] / np.iinfo(np.uint16).max,
         faces=stored["faces"].astype(np.int32),
-        bodies=stored["bodies"].astype(np.int64),
-        weights=stored["weights"] / 255.0,
+        body_indices=stored["bodies"].astype(np.int64),
+        body_weights=stored["weights"] / 255.0,
     )
-    return shape, MOUTH_OPENING_RANGE_M * stored["opening"] / np.iinfo(np.int8).max
+    return shape, STORED_OPENING_RANGE_M * stored["opening"] / np.iinfo(np.int8).max
 
 
 @cache

@@ -15,7 +15,13 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.collision_bits import CollisionBits
-from avrgym.models.drive import DRIVE_ACTIONS, DRIVE_JOINTS, MOTOR_GROUP, DifferentialDrive, add_drive
+from avrgym.models.drive import (
+    DRIVE_ACTION_NAMES,
+    DRIVE_JOINTS,
+    MOTOR_ACTUATOR_GROUP,
+    DifferentialDrive,
+    add_drive,
+)
 from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
@@ -25,7 +31,7 @@ SIDES: tuple[Side, ...] = ("right", "left")
 PersonLocation = Literal["wheelchair", "bed"]
 PERSON_LOCATIONS: tuple[PersonLocation, ...] = ("wheelchair", "bed")
 """Locations of the person: in the wheelchair or in bed."""
-Furniture = Callable[[mujoco.MjSpec, bool], None]
+FurnitureBuilder = Callable[[mujoco.MjSpec, bool], None]
 """Function that adds furniture to a scene, in the world frame. Arguments: scene, and whether to add visual geoms."""
 
 
@@ -104,7 +110,7 @@ class Mount:
     pos_w: tuple[float, float, float]
     yaw_rad: float
     base_range: BaseRange | None = None
-    carrier: Furniture | None = None
+    carrier: FurnitureBuilder | None = None
     carrier_body: str | None = None
     left_yaw_rad: float | None = None
     left_pos_w: tuple[float, float, float] | None = None
@@ -197,20 +203,22 @@ class Robot:
     cameras: Mapping[str, CameraMount] = field(default_factory=dict[str, CameraMount])
     drive: DifferentialDrive | None = None
 
-    def first_joint(self, arm: Arm) -> str:
+    def first_moving_joint(self, arm: Arm) -> str:
         """Returns the first joint of the kinematic chain: the arm's first joint, or the drive's."""
         return arm.joints[0] if self.drive is None else DRIVE_JOINTS[0]
 
     def action_names(self, arm: Arm) -> tuple[str, ...]:
-        """Returns the names of an action's A components: the arm's joints, and ``DRIVE_ACTIONS`` for a mobile base."""
-        return (*arm.joints, *(() if self.drive is None else DRIVE_ACTIONS))
+        """Returns the names of an action's A components: the arm's joints, and ``DRIVE_ACTION_NAMES`` for a mobile
+        base.
+        """
+        return (*arm.joints, *(() if self.drive is None else DRIVE_ACTION_NAMES))
 
 
 class UnsuitableRobotError(ValueError):
     """Raised if a robot lacks the arm, mount or grip that a task needs."""
 
 
-def select_equipment(robot: Robot, place: PersonLocation, side: Side, tool: Tool) -> tuple[Arm, Mount]:
+def select_arm_and_mount(robot: Robot, place: PersonLocation, side: Side, tool: Tool) -> tuple[Arm, Mount]:
     """Returns the robot's arm and mount for a tool and a location of the person.
 
     Raises:
@@ -226,7 +234,9 @@ def select_equipment(robot: Robot, place: PersonLocation, side: Side, tool: Tool
     return robot.arms[side], robot.mounts[place]
 
 
-def robot_as_furniture(robot: Robot, name: str, place: tuple[float, float], yaw_rad: float) -> Furniture:
+def robot_as_furniture(
+    robot: Robot, name: str, place: tuple[float, float], yaw_rad: float
+) -> FurnitureBuilder:
     """Returns a function that adds a robot as furniture: a static obstacle on the floor.
 
     Raises:
@@ -388,7 +398,7 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
 
 MAX_JOINT_SPEED_RAD_S, MAX_SLIDE_SPEED_M_S = np.radians(48.0), 0.25
 """Maximum joint speed of the Jaco, an assistive arm, and the reduced speed of ISO 10218-1:2011 for slides."""
-SERVO_FREQUENCY_RAD_S = 20.0
+ARM_SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo. The joint lags 0.1 s behind the servo target."""
 
 
@@ -445,7 +455,7 @@ def tuned_arm(
         end_effector=end_effector,
         speed_limit=np.minimum(speed, np.where(slides, MAX_SLIDE_SPEED_M_S, MAX_JOINT_SPEED_RAD_S)),
         effort_limit=torque,
-        stiffness=SERVO_FREQUENCY_RAD_S**2 * turned,
+        stiffness=ARM_SERVO_FREQUENCY_RAD_S**2 * turned,
         inertia=turned,
         seed_pose=seed,
         finger_prefix=finger_prefix,
@@ -473,12 +483,12 @@ def _add_servos(spec: mujoco.MjSpec, arm: Arm) -> None:
             forcerange=[-torque, torque],
             actrange=spec.joint(joint).range,
             actlimited=True,
-            group=MOTOR_GROUP,
+            group=MOTOR_ACTUATOR_GROUP,
         )
         actuator.set_to_intvelocity(kp=kp, kv=kv)
 
 
-BRAKING_TIME_S = 0.04
+BRAKE_TIME_CONSTANT_S = 0.04
 """Time constant of the brakes. The brakes halve the speed of all joints every 10 ms. The hand therefore stops along a
 straight line: within 2 cm from a speed of 1 m/s."""
 BRAKE_IMPEDANCE = 0.9999
@@ -488,5 +498,5 @@ BRAKE_IMPEDANCE = 0.9999
 def _shape_brakes(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
     """Set the friction parameters that ``safety.brakes.Brakes`` uses."""
     for joint in joints:
-        spec.joint(joint).solref_friction = [BRAKING_TIME_S, 1.0]
+        spec.joint(joint).solref_friction = [BRAKE_TIME_CONSTANT_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_IMPEDANCE, BRAKE_IMPEDANCE, 0.001, 0.5, 2.0]

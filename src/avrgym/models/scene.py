@@ -12,7 +12,7 @@ from avrgym.models import collision_bits, human, robot
 from avrgym.models.cloth import add_cloth
 from avrgym.models.geoms import add_collision
 from avrgym.models.human import Person, Posture
-from avrgym.models.robot import Arm, Furniture, Mount, Robot
+from avrgym.models.robot import Arm, FurnitureBuilder, Mount, Robot
 from avrgym.models.self_collision import add_self_collision
 from avrgym.models.task_frame import WORLD_FRAME, TaskFrame
 from avrgym.models.tools import BODY as TOOL_BODY
@@ -22,9 +22,9 @@ PHYSICS_STEP_S = 0.01
 """Duration of a physics step."""
 CONTROL_STEP_S = 0.1
 """Default duration of a control step. Simulated people choose their actions with the same period."""
-SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
+DEFAULT_SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 """Number of physics steps in a default control step."""
-FLUID_TOLERANCE = 1e-3
+FLUID_SOLVER_TOLERANCE = 1e-3
 """Solver tolerance for 64 water particles, with conjugate gradients and without islands and geom trees. A physics step
 takes 0.20 ms; with Newton's method it takes 0.45 ms. For food and without particles, Newton's method is faster."""
 
@@ -46,7 +46,7 @@ class SceneConfig:
         task_scene: the same scene in the task's frame, if this frame differs from the world frame.
     """
 
-    furniture: Sequence[Furniture]
+    furniture: Sequence[FurnitureBuilder]
     movable_bodies: Sequence[str]
     posture: Posture
     robot: Robot
@@ -57,7 +57,7 @@ class SceneConfig:
     checks_reach: bool = False
     body_mass_kg: float | None = None
     self_collision: bool = False
-    frame: TaskFrame = WORLD_FRAME
+    task_frame: TaskFrame = WORLD_FRAME
     task_scene: "SceneConfig | None" = None
 
     @property
@@ -82,7 +82,7 @@ class SceneConfig:
         return np.concatenate([self.arm.speed_limit, drive])
 
 
-def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
+def build_scene_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: bool) -> mujoco.MjSpec:
     """Returns the model of a scene.
 
     Args:
@@ -98,9 +98,9 @@ def build_spec(scene: SceneConfig, person: Person, *, moving: bool, appearance: 
     )
     human.add_person(spec, person, scene.posture, moving=moving)
     if appearance:
-        from avrgym.models.human_shape import add_appearance  # imports the image library
+        from avrgym.models.human_shape import add_person_skins  # imports the image library
 
-        add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
+        add_person_skins(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     for add in scene.furniture:
         add(spec, appearance)
     _add_robot(spec, scene, appearance)
@@ -123,7 +123,7 @@ def _set_options(spec: mujoco.MjSpec, tool: Tool) -> None:
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND | mujoco.mjtDisableBit.mjDSBL_MIDPHASE
     if tool.particles is not None and tool.particles.fluid:
         spec.option.solver = mujoco.mjtSolver.mjSOL_CG
-        spec.option.tolerance = FLUID_TOLERANCE
+        spec.option.tolerance = FLUID_SOLVER_TOLERANCE
 
 
 def _add_robot(spec: mujoco.MjSpec, scene: SceneConfig, appearance: bool) -> None:
@@ -139,23 +139,23 @@ def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
     return robot.robot_spec_with_tool(scene.robot, scene.arm, scene.tool, TOOL_BODY, appearance=appearance)
 
 
-TOOL = robot.PREFIX + TOOL_BODY
+SCENE_TOOL_BODY = robot.PREFIX + TOOL_BODY
 """Name of the tool's body in a scene."""
 
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"
 ROBOT_CONTACT_SENSOR = "robot_contacts_with_person"
-ROBOT_CONTACTS = 16
+MAX_ROBOT_CONTACTS = 16
 """Number of contacts between robot and person that the sensor reports, the strongest first."""
 TOOL_CONTACT_SENSOR = "tool_contacts_with_person"
-ANY_FORCE_SENSOR = "force_on_person"
-ANY_CONTACT_SENSOR = "contacts_with_person"
-ANY_CONTACTS = 96
+PERSON_FORCE_SENSOR = "force_on_person"
+PERSON_CONTACT_SENSOR = "contacts_with_person"
+MAX_PERSON_CONTACTS = 96
 """Number of contacts between the person and all other bodies that the sensor reports, in scenes with cloth."""
-TOOL_CONTACTS = 6
+MAX_TOOL_CONTACTS = 6
 """Number of contacts between tool and person that the sensor reports. In 12 800 steps of packaged policies, tools had
 at most 4 contacts."""
-EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
+END_EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 
 
@@ -169,15 +169,17 @@ def _add_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """
     base = robot.PREFIX + scene.robot.base
     _add_contact_sensor(spec, ROBOT_FORCE_SENSOR, base, _FORCE, _NET_FORCE, slots=1)
-    _add_contact_sensor(spec, TOOL_FORCE_SENSOR, TOOL, _FORCE, _NET_FORCE, slots=1)
-    _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, base, _FORCE, _STRONGEST, slots=ROBOT_CONTACTS)
+    _add_contact_sensor(spec, TOOL_FORCE_SENSOR, SCENE_TOOL_BODY, _FORCE, _NET_FORCE, slots=1)
+    _add_contact_sensor(spec, ROBOT_CONTACT_SENSOR, base, _FORCE, _STRONGEST, slots=MAX_ROBOT_CONTACTS)
     whole = _FORCE | _POS | _NORMAL
-    _add_contact_sensor(spec, TOOL_CONTACT_SENSOR, TOOL, whole, _STRONGEST, slots=TOOL_CONTACTS)
-    _add_velocity_sensor(spec, EFFECTOR_VELOCITY_SENSOR, robot.PREFIX + scene.arm.end_effector)
-    _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, TOOL)
+    _add_contact_sensor(
+        spec, TOOL_CONTACT_SENSOR, SCENE_TOOL_BODY, whole, _STRONGEST, slots=MAX_TOOL_CONTACTS
+    )
+    _add_velocity_sensor(spec, END_EFFECTOR_VELOCITY_SENSOR, robot.PREFIX + scene.arm.end_effector)
+    _add_velocity_sensor(spec, TOOL_VELOCITY_SENSOR, SCENE_TOOL_BODY)
     if scene.tool.cloth is not None:
-        _add_contact_sensor(spec, ANY_FORCE_SENSOR, None, _FORCE, _NET_FORCE, slots=1)
-        _add_contact_sensor(spec, ANY_CONTACT_SENSOR, None, _FORCE, _STRONGEST, slots=ANY_CONTACTS)
+        _add_contact_sensor(spec, PERSON_FORCE_SENSOR, None, _FORCE, _NET_FORCE, slots=1)
+        _add_contact_sensor(spec, PERSON_CONTACT_SENSOR, None, _FORCE, _STRONGEST, slots=MAX_PERSON_CONTACTS)
 
 
 _FORCE = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE)
@@ -195,7 +197,7 @@ def _add_velocity_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
     )
 
 
-def add_geom_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
+def add_geom_force_sensor(spec: mujoco.MjSpec, scene: SceneConfig, name: str, geom: str, slots: int) -> None:
     """Add a sensor of the strongest contact forces from robot and cloth on one of the geoms ``human.GEOMS``."""
     base = robot.PREFIX + scene.robot.base if scene.tool.cloth is None else None
     _add_contact_sensor(spec, name, base, _FORCE, _STRONGEST, slots, human.PREFIX + geom)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import FloatArray
 
-SEGMENTS = 28
+DEFAULT_LOFT_SEGMENTS = 28
 """Default number of vertices around a loft."""
 
 
@@ -22,21 +22,21 @@ class Mesh:
 
 
 @dataclass(frozen=True)
-class Section:
+class CrossSection:
     """Cross-section of a loft at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y), in metres.
 
     Its centre is at ``x`` and ``y``. ``exponent`` 2 is an ellipse; larger exponents are closer to a rectangle.
     """
 
-    z: float
-    a: float
-    b: float
-    x: float = 0.0
-    y: float = 0.0
+    height_z_m: float
+    half_axis_x_m: float
+    half_axis_y_m: float
+    centre_x_m: float = 0.0
+    centre_y_m: float = 0.0
     exponent: float = 2.0
 
 
-def loft(sections: Sequence[Section], segments: int = SEGMENTS) -> Mesh:
+def loft(sections: Sequence[CrossSection], segments: int = DEFAULT_LOFT_SEGMENTS) -> Mesh:
     """Returns a surface through cross-sections in the given order, closed at both ends.
 
     For a shell, list the sections of the outside upwards, then the sections of the inside downwards.
@@ -86,13 +86,13 @@ def revolve(profile: Sequence[tuple[float, float]], segments: int = 40) -> Mesh:
     return _close(rings, np.array([0.0, 0.0, profile[0][1]]), np.array([0.0, 0.0, profile[-1][1]]))
 
 
-def _ring(section: Section, segments: int) -> FloatArray:
+def _ring(section: CrossSection, segments: int) -> FloatArray:
     angle = np.linspace(0.0, 2.0 * np.pi, segments, endpoint=False)
     c, s = np.cos(angle), np.sin(angle)
     power = 2.0 / section.exponent
-    x = section.x + section.a * np.sign(c) * np.abs(c) ** power
-    y = section.y + section.b * np.sign(s) * np.abs(s) ** power
-    return np.stack([x, y, np.full(segments, section.z)], axis=-1)
+    x = section.centre_x_m + section.half_axis_x_m * np.sign(c) * np.abs(c) ** power
+    y = section.centre_y_m + section.half_axis_y_m * np.sign(s) * np.abs(s) ** power
+    return np.stack([x, y, np.full(segments, section.height_z_m)], axis=-1)
 
 
 def _close_at_centres(rings: FloatArray) -> Mesh:

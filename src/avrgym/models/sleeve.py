@@ -17,9 +17,9 @@ from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_v
 from avrgym.models.tools import Tool
 from avrgym.models.washcloth import WASHCLOTH
 
-VERTICES_PER_RING, RINGS = 8, 5
+VERTICES_PER_RING, RING_COUNT = 8, 5
 """Number of vertices around the sleeve, and of rings along it."""
-OPENING_RADIUS_M, END_RADIUS_M, LENGTH_M = 0.095, 0.085, 0.28
+OPENING_RADIUS_M, FAR_END_RADIUS_M, SLEEVE_LENGTH_M = 0.095, 0.085, 0.28
 """Radii at the opening and at the far end, and length: a short sleeve that leaves the hand free."""
 ATTACHED_VERTICES = (5, 6, 7, 0, 1, 2)
 """Vertices of the opening that are fixed to the hoop. The gap of the hoop is wider than an arm, and is on the side
@@ -34,17 +34,17 @@ _HOOP_RGB, _GOWN_RGB = (0.92, 0.92, 0.90), (0.36, 0.62, 0.72)
 def _vertices() -> FloatArray:
     """Returns the stress-free positions (V, 3) of the vertices, ring by ring from the opening."""
     angle = 2.0 * np.pi * (np.arange(VERTICES_PER_RING) + 0.5) / VERTICES_PER_RING
-    share = np.linspace(0.0, 1.0, RINGS)
-    radius = OPENING_RADIUS_M + share * (END_RADIUS_M - OPENING_RADIUS_M)
+    share = np.linspace(0.0, 1.0, RING_COUNT)
+    radius = OPENING_RADIUS_M + share * (FAR_END_RADIUS_M - OPENING_RADIUS_M)
     x, z = (-np.outer(radius, part) for part in (np.cos(angle), np.sin(angle)))
-    y = np.tile(-LENGTH_M * share[:, None], (1, VERTICES_PER_RING))
+    y = np.tile(-SLEEVE_LENGTH_M * share[:, None], (1, VERTICES_PER_RING))
     return np.stack([x, y, z], axis=-1).reshape(-1, 3)
 
 
 def _faces() -> NDArray[np.int64]:
     """Returns the triangles (F, 3). Their diagonals alternate, because parallel diagonals would twist the sleeve."""
     found: list[tuple[int, int, int]] = []
-    for ring in range(RINGS - 1):
+    for ring in range(RING_COUNT - 1):
         for place in range(VERTICES_PER_RING):
             a, b = (
                 ring * VERTICES_PER_RING + place,
@@ -65,7 +65,7 @@ GOWN = Cloth(
     young_modulus_pa=5e4,
     poisson_ratio=0.1,
     damping_s=0.02,
-    radius_m=0.006,
+    contact_radius_m=0.006,
     friction=0.2,
     rgb=_GOWN_RGB,
 )
@@ -100,5 +100,5 @@ SLEEVE = Tool(
     particles=None,
     cloth=GOWN,
     grip=WASHCLOTH.name,
-    mirror_axis=2,
+    symmetry_axis=2,
 )

@@ -11,16 +11,16 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_skin
-from avrgym.models.shapes import Section, loft, tube
-from avrgym.models.tools import Hull, Particles, Tool
+from avrgym.models.geoms import BOX, CAPSULE, add_collision, add_material, add_visual_mesh
+from avrgym.models.shapes import CrossSection, loft, tube
+from avrgym.models.tools import CollisionHull, Particles, Tool
 
 
 def _grid(x: list[float], y: list[float], z: float) -> FloatArray:
     return np.array([[px, py, z] for px in x for py in y])
 
 
-SIZES: Mapping[str, float] = {"small": 0.85, "medium": 1.0, "large": 1.25}
+SPOON_SCALES: Mapping[str, float] = {"small": 0.85, "medium": 1.0, "large": 1.25}
 """Scale of the bowl's length and width, by the size of the spoon."""
 _PITCH_M, _FOOD_Z = 0.0102, -0.0028
 
@@ -41,9 +41,9 @@ def make_spoon(size: str = "medium", pieces: int | None = None) -> Tool:
     Raises:
         ValueError: for an unknown size, or too many pieces for the spoon.
     """
-    if size not in SIZES:
-        raise ValueError(f"unknown size of spoon {size!r}; allowed: {', '.join(SIZES)}")
-    bowl, floor = (tuple(SIZES[size] * each for each in half) for half in (_BOWL, _FLOOR))
+    if size not in SPOON_SCALES:
+        raise ValueError(f"unknown size of spoon {size!r}; allowed: {', '.join(SPOON_SCALES)}")
+    bowl, floor = (tuple(SPOON_SCALES[size] * each for each in half) for half in (_BOWL, _FLOOR))
     places = _places(floor)
     count = min(len(FOOD.initial_pos), len(places)) if pieces is None else pieces
     if count > len(places):
@@ -56,13 +56,13 @@ def make_spoon(size: str = "medium", pieces: int | None = None) -> Tool:
         partial(_build_spoon, bowl, floor),
         grip_pos=(0.02 + bowl[0] - SPOON_LENGTH_M, 0.0, 0.0),
         particles=replace(FOOD, initial_pos=places[np.sort(middle)]),
-        hull=Hull(
+        hull=CollisionHull(
             ("spoon_floor", "spoon_left", "spoon_right", "spoon_front", "spoon_back"),
             BOX,
             pos=(0.0, 0.0, 0.5 * (bottom_z + _RIM_Z)),
             size=(rim[0], rim[1], 0.5 * (_RIM_Z - bottom_z)),
         ),
-        outline=np.concatenate(
+        mouth_part_outline=np.concatenate(
             [
                 _grid(
                     [share * rim[0] for share in (-1.0, -0.5, 0.0, 0.5, 1.0)], [-rim[1], 0.0, rim[1]], _RIM_Z
@@ -137,11 +137,11 @@ def _add_spoon_skin(
     a, b = half_size
     outside = [(-0.0108, 0.35), (-0.0098, 0.70), (-0.006, 0.88), (0.0, 0.97), (_RIM_Z, 1.03)]
     inside = [(_RIM_Z, 0.97), (0.0, 0.90), (-0.005, 0.80), (-0.0082, 0.62), (-0.0088, 0.30)]
-    bowl = loft([Section(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
-    add_skin(spec, body, "spoon_bowl_skin", steel, bowl)
+    bowl = loft([CrossSection(z, a * s, b * s, exponent=2.3) for z, s in outside + inside], segments=40)
+    add_visual_mesh(spec, body, "spoon_bowl_skin", steel, bowl)
     x = np.linspace(-0.96 * a, handle_end, 14)
     bend = _RIM_Z + 0.006 * np.sin(np.pi * (x + a) / (handle_end + a))
-    add_skin(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
+    add_visual_mesh(spec, body, "spoon_handle_skin", steel, tube(np.stack([x, 0 * x, bend], axis=-1), 0.0038))
 
 
 SPOON = make_spoon()

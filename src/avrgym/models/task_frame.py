@@ -18,20 +18,20 @@ from avrgym.models.human import JOINTS, People
 from avrgym.models.human.joints import X_AXIS
 from avrgym.models.robot import Mount
 
-X, Y = 0, 1
+X_AXIS_INDEX, Y_AXIS_INDEX = 0, 1
 """Indices of the axes normal to the planes of symmetry: x of the world and of people, y of robots and most tools."""
 
 
-def opposite(name: str) -> str:
+def opposite_side_name(name: str) -> str:
     """Returns the name of the same joint or body part on the other side of the person."""
     side, _, part = name.partition("_")
     return {"left": "right_", "right": "left_"}[side] + part if side in ("left", "right") else name
 
 
 _NAMES, _GEOMS = list(JOINTS), list(human.GEOMS)
-_JOINTS = np.array([_NAMES.index(opposite(name)) for name in _NAMES])
+_JOINTS = np.array([_NAMES.index(opposite_side_name(name)) for name in _NAMES])
 _JOINT_SIGNS = np.array([1.0 if joint.axis == X_AXIS else -1.0 for joint in JOINTS.values()])
-OPPOSITE_GEOMS = np.array([_GEOMS.index(opposite(name)) for name in _GEOMS])
+OPPOSITE_GEOM_INDICES = np.array([_GEOMS.index(opposite_side_name(name)) for name in _GEOMS])
 """Index of the geom on the other side of the body, for each of ``human.GEOMS``."""
 
 
@@ -45,53 +45,53 @@ class TaskFrame:
     mirrored: bool = False
     rise_m: float = 0.0
 
-    def points(self, pos: FloatArray, *, to_world: bool = False) -> FloatArray:
+    def transform_points(self, pos: FloatArray, *, to_world: bool = False) -> FloatArray:
         """Transform positions (..., 3) from the world frame to the task's frame; with ``to_world`` in reverse."""
-        moved = self.vectors(pos)
+        moved = self.transform_vectors(pos)
         if self.rise_m:
             rise_m = self.rise_m if to_world else -self.rise_m
             moved = moved + constant_like(np.array([0.0, 0.0, rise_m]), pos)
         return moved
 
-    def vectors(self, v: FloatArray) -> FloatArray:
+    def transform_vectors(self, v: FloatArray) -> FloatArray:
         """Transform vectors (..., 3) to the other frame."""
-        return v * constant_like(_signs(X), v) if self.mirrored else v
+        return v * constant_like(_signs(X_AXIS_INDEX), v) if self.mirrored else v
 
-    def rotations(self, q: FloatArray, axis: int) -> FloatArray:
+    def transform_rotations(self, q: FloatArray, axis: int) -> FloatArray:
         """Transform rotations (..., 4) of symmetric bodies to the other frame. ``axis`` is the normal of the body's
         plane of symmetry."""
-        return mirrored_rotations(q, X, axis) if self.mirrored else q
+        return mirror_rotations(q, X_AXIS_INDEX, axis) if self.mirrored else q
 
-    def joint_angles(self, joint_angles_rad: FloatArray) -> FloatArray:
+    def transform_joint_angles(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Transform the joint angles (..., 20) of people to the other frame."""
         if not self.mirrored:
             return joint_angles_rad
         signs = constant_like(_JOINT_SIGNS, joint_angles_rad)
-        return self.per_joint(joint_angles_rad) * signs
+        return self.exchange_joint_sides(joint_angles_rad) * signs
 
-    def per_joint(self, values: FloatArray, axis: int = -1) -> FloatArray:
+    def exchange_joint_sides(self, values: FloatArray, axis: int = -1) -> FloatArray:
         """Exchange the values of left and right joints, without a change of sign. The joints are along ``axis``."""
         if not self.mirrored:
             return values
         return namespace(values).take(values, constant_like(_JOINTS, values), axis=axis)
 
-    def people(self, people: People) -> People:
+    def transform_people(self, people: People) -> People:
         """Transform people to the other frame: their left and right sides are exchanged."""
         if not self.mirrored:
             return people
         xp, strength, torque = namespace(people.torque_share), people.strength_share, people.torque_share
-        torque = self.per_joint(torque, axis=-2)
+        torque = self.exchange_joint_sides(torque, axis=-2)
         reversed_axis = constant_like(_JOINT_SIGNS < 0.0, torque)[:, None]
         return replace(
             people,
-            joint_angles_rad=self.joint_angles(people.joint_angles_rad),
-            tremor_rad=self.per_joint(people.tremor_rad),
-            strength_share=self.per_joint(strength) if strength.ndim > 1 else strength,
+            joint_angles_rad=self.transform_joint_angles(people.joint_angles_rad),
+            tremor_rad=self.exchange_joint_sides(people.tremor_rad),
+            strength_share=self.exchange_joint_sides(strength) if strength.ndim > 1 else strength,
             torque_share=xp.where(reversed_axis, xp.flip(torque, axis=-1), torque),
-            damping_n_m_s=self.per_joint(people.damping_n_m_s),
+            damping_n_m_s=self.exchange_joint_sides(people.damping_n_m_s),
         )
 
-    def mount(self, mount: Mount) -> Mount:
+    def transform_mount(self, mount: Mount) -> Mount:
         """Transform a mount from the world frame to the task's frame."""
         x, y, z = mount.pos_w
         if not self.mirrored:
@@ -103,11 +103,11 @@ class TaskFrame:
 
 
 WORLD_FRAME = TaskFrame()
-MIRRORED_LINK = np.array([1.0, -1.0, 1.0])
+LINK_MIRROR_FACTORS = np.array([1.0, -1.0, 1.0])
 """Factors (3,) that mirror a point in the frame of a robot's link."""
 
 
-def mirrored_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatArray:
+def mirror_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatArray:
     """Returns rotations (..., 4) of bodies in a mirrored world. ``world_axis`` is the normal of the mirror plane,
     ``body_axis`` the normal of the bodies' plane of symmetry.
 
@@ -121,20 +121,20 @@ def mirrored_rotations(q: FloatArray, world_axis: int, body_axis: int) -> FloatA
     return transforms.multiply(turned, constant_like(half_turn, q))
 
 
-def mirrored_chain(chain: Chain, tip_axis: int) -> Chain:
+def mirror_chain(chain: Chain, tip_axis: int) -> Chain:
     """Returns the mirror image of a kinematic chain for the same joint positions.
 
     All frames except the tip's are mirrored along y. ``tip_axis`` is the normal of the tip's plane of symmetry.
     """
-    slides = np.isin(np.arange(len(chain.axis)), list(chain.slides))[:, None]
-    axis = chain.axis * MIRRORED_LINK
+    slides = np.isin(np.arange(len(chain.joint_axis)), list(chain.slide_joints))[:, None]
+    axis = chain.joint_axis * LINK_MIRROR_FACTORS
     return replace(
         chain,
-        pos=chain.pos * MIRRORED_LINK,
-        q=chain.q * _conjugation(Y),
+        pos=chain.body_pos * LINK_MIRROR_FACTORS,
+        q=chain.body_q * _conjugation(Y_AXIS_INDEX),
         axis=np.where(slides, axis, -axis),
-        tip_pos=chain.tip_pos * MIRRORED_LINK,
-        tip_q=mirrored_rotations(chain.tip_q, Y, tip_axis),
+        tip_pos=chain.tip_pos * LINK_MIRROR_FACTORS,
+        tip_q=mirror_rotations(chain.tip_q, Y_AXIS_INDEX, tip_axis),
     )
 
 

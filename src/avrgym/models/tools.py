@@ -39,14 +39,14 @@ class Particles:
 
 
 @dataclass(frozen=True, eq=False)
-class Hull:
+class CollisionHull:
     """Collision shape that replaces a tool's thin walls in contacts with people.
 
     ``walls`` are the names of the replaced geoms. The shape has a type, a centre ``pos`` and a MuJoCo ``size``, in the
     tool's frame.
     """
 
-    walls: tuple[str, ...]
+    replaced_geoms: tuple[str, ...]
     shape: mujoco.mjtGeom
     pos: tuple[float, float, float]
     size: tuple[float, float, float]
@@ -73,12 +73,12 @@ class Tool:
     build: Callable[[mujoco.MjSpec, mujoco.MjsBody, bool], None]
     grip_pos: tuple[float, float, float]
     particles: Particles | None
-    pad: str = BODY
-    hull: Hull | None = None
-    outline: FloatArray | None = None
+    contact_body: str = BODY
+    hull: CollisionHull | None = None
+    mouth_part_outline: FloatArray | None = None
     cloth: Cloth | None = None
     grip: str | None = None
-    mirror_axis: int = 1
+    symmetry_axis: int = 1
 
     @property
     def grip_name(self) -> str:

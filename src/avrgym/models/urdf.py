@@ -21,14 +21,14 @@ from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.geoms import add_material, add_visual
 
-TWO_TURNS_RAD = (-2.0 * np.pi, 2.0 * np.pi)
+CONTINUOUS_JOINT_RANGE_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
-ARMATURE_KG_M2, ARMATURE_KG = 0.05, 1.0
+HINGE_ARMATURE_KG_M2, SLIDE_ARMATURE_KG = 0.05, 1.0
 """Motor inertia of hinges, and motor mass of slides; URDF does not contain them. The value of hinges is that of the
 Jaco's wrist."""
-GREY = (0.75, 0.75, 0.77)
+DEFAULT_MESH_RGB = (0.75, 0.75, 0.77)
 WORLD_LINK = "world"
-JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+SUPPORTED_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,12 @@ class Urdf:
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
         for joint in spec.joints:
-            joint.armature = ARMATURE_KG if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else ARMATURE_KG_M2
+            joint.armature = (
+                SLIDE_ARMATURE_KG if joint.type == mujoco.mjtJoint.mjJNT_SLIDE else HINGE_ARMATURE_KG_M2
+            )
             joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
             if not np.ptp(joint.range):
-                joint.range, joint.limited = TWO_TURNS_RAD, mujoco.mjtLimited.mjLIMITED_TRUE
+                joint.range, joint.limited = CONTINUOUS_JOINT_RANGE_RAD, mujoco.mjtLimited.mjLIMITED_TRUE
         for link, (seen, touched) in shapes.items():
             for number, shape in enumerate(touched):
                 _add_capsule(spec.body(link), self._vertices(shape), shape, f"{link}_{number}")
@@ -90,9 +92,9 @@ class Urdf:
     def _add_visual(self, spec: mujoco.MjSpec, link: str, shape: "_Shape", name: str) -> None:
         parts = (shape.primitive(),) if shape.mesh is None else read_mesh(self.find_mesh(shape.mesh))
         for number, part in enumerate(parts):
-            add_mesh(
+            add_trimesh(
                 spec, spec.body(link), f"{name}_{number}", part,
-                rgb=shape.rgb or colour_of(part), scale=shape.scale, pos=shape.pos, quat=shape.q,
+                rgb=shape.rgb or mesh_colour(part), scale=shape.scale, pos=shape.pos, quat=shape.q,
             )  # fmt: skip
 
 
@@ -132,13 +134,13 @@ def read_mesh(file: Path) -> tuple[trimesh.Trimesh, ...]:
     return tuple(part for part in parts if isinstance(part, trimesh.Trimesh))
 
 
-def colour_of(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
+def mesh_colour(mesh: trimesh.Trimesh) -> tuple[float, float, float]:
     """Returns the colour of a mesh (red, green, blue), 0 to 1; grey if its file contains no colour."""
     colour = getattr(getattr(mesh.visual, "material", None), "main_color", None)
-    return GREY if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
+    return DEFAULT_MESH_RGB if colour is None else tuple(float(c) / 255.0 for c in colour[:3])  # type: ignore[return-value]
 
 
-def add_mesh(
+def add_trimesh(
     spec: mujoco.MjSpec,
     body: mujoco.MjsBody,
     name: str,
@@ -150,7 +152,7 @@ def add_mesh(
 ) -> None:
     """Add a visual mesh; ``attributes`` are those of the mesh's geom."""
     material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)
-    spec.add_mesh(
+    spec.add_trimesh(
         name=name,
         uservert=(np.asarray(mesh.vertices) * scale).ravel(),
         userface=np.asarray(mesh.faces).ravel(),
@@ -159,7 +161,7 @@ def add_mesh(
     add_visual(body, mujoco.mjtGeom.mjGEOM_MESH, material, meshname=name, **attributes)
 
 
-def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
+def bounding_capsule(points: FloatArray) -> tuple[FloatArray, float]:
     """Returns the axis ends (2, 3) and the radius of a bounding capsule of points (V, 3), along their longest extent.
 
     The axis is in the middle of the bounding box along the principal axes.
@@ -176,7 +178,7 @@ def capsule_about(points: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _add_capsule(body: mujoco.MjsBody, points: FloatArray, shape: _Shape, name: str) -> None:
-    ends, radius = capsule_about(points)
+    ends, radius = bounding_capsule(points)
     ends = shape.pos + transforms.rotate(shape.q, ends)
     body.add_geom(
         name=name,
@@ -208,9 +210,10 @@ def _read(text: str) -> Element:
     if robot.tag != "robot":
         raise ValueError(f"the root element of the URDF is <{robot.tag}>; allowed: <robot>")
     for joint in robot.findall("joint"):
-        if joint.get("type") not in JOINT_TYPES:
+        if joint.get("type") not in SUPPORTED_JOINT_TYPES:
             raise ValueError(
-                f"joint {joint.get('name')!r} has the type {joint.get('type')!r}; allowed: {', '.join(JOINT_TYPES)}"
+                f"joint {joint.get('name')!r} has the type {joint.get('type')!r}; "
+                f"allowed: {', '.join(SUPPORTED_JOINT_TYPES)}"
             )
     return robot
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.geoms import BOX, add_collision, add_material, add_skin
-from avrgym.models.shapes import Section, loft
+from avrgym.models.geoms import BOX, add_collision, add_material, add_visual_mesh
+from avrgym.models.shapes import CrossSection, loft
 from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
@@ -17,7 +17,7 @@ thickness is an assumption."""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """Centre of the pad in the tool's frame. The frame's origin is the middle of the wiping face, and its x axis is the
 normal of this face."""
-CONTACT_MARGIN_M = 0.004
+PAD_CONTACT_MARGIN_M = 0.004
 """Contact margin of the collision box. The box is smaller than the pad by this margin on each side, which rounds the
 edges of the pad."""
 
@@ -55,8 +55,8 @@ def _build_washcloth(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool
     pad = body.add_body(name="washcloth", gravcomp=1.0)
     _add_springs(pad)
     add_collision(
-        pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - CONTACT_MARGIN_M,
-        margin=CONTACT_MARGIN_M, mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
+        pad, "washcloth", BOX, collision_bits.TOOL, pos=PAD_CENTRE_M, size=PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M,
+        margin=PAD_CONTACT_MARGIN_M, mass=_PAD_MASS_KG, priority=1, friction=_WET_FRICTION, solimp=_FIRM,
     )  # fmt: skip
     if appearance:
         _add_skins(spec, body, pad)
@@ -85,30 +85,34 @@ def _add_skins(spec: mujoco.MjSpec, body: mujoco.MjsBody, pad: mujoco.MjsBody) -
     skins |= {f"stripe_{i}": (pad, white, _stripe(y)) for i, y in enumerate(_STRIPES_Y)}
     skins["ridge"] = (body, terry, _ridge())
     for name, (owner, material, sections) in skins.items():
-        add_skin(spec, owner, f"washcloth_{name}", material, loft(sections, segments=64), quat=rising_along_x)
+        add_visual_mesh(
+            spec, owner, f"washcloth_{name}", material, loft(sections, segments=64), quat=rising_along_x
+        )
 
 
-def _layer(index: int) -> list[Section]:
+def _layer(index: int) -> list[CrossSection]:
     """Returns the cross-sections of one layer of the folded cloth, with rounded edges. Layer 0 has the wiping face."""
     thickness = _THICKNESS / len(_LAYER_INSETS)
     rounding = ((0.0, 0.0024), (0.12, 0.0010), (0.5, 0.0), (0.88, 0.0010), (1.0, 0.0024))
     _, half_length, half_width = PAD_HALF_SIZE_M - _LAYER_INSETS[index]
     return [
-        Section(-(index + 1.0 - share) * thickness, half_width - inset, half_length - inset, exponent=9.0)
+        CrossSection(
+            -(index + 1.0 - share) * thickness, half_width - inset, half_length - inset, exponent=9.0
+        )
         for share, inset in rounding
     ]
 
 
-def _stripe(y: float) -> list[Section]:
+def _stripe(y: float) -> list[CrossSection]:
     """Returns the cross-sections of a woven stripe across the pad."""
     half_width = PAD_HALF_SIZE_M[2] + 0.0003
     return [
-        Section(x, half_width - inset, _STRIPE_HALF_WIDTH, y=y, exponent=6.0)
+        CrossSection(x, half_width - inset, _STRIPE_HALF_WIDTH, centre_y_m=y, exponent=6.0)
         for x, inset in ((-_THICKNESS, 0.002), (-0.9 * _THICKNESS, 0.0), (-0.002, 0.0), (0.0003, 0.0024))
     ]
 
 
-def _ridge() -> list[Section]:
+def _ridge() -> list[CrossSection]:
     """Returns the cross-sections of the ridge at the back of the cloth. It is thin between the fingers."""
     outline = (
         (-0.002, 2.4, 1.06),
@@ -118,9 +122,11 @@ def _ridge() -> list[Section]:
         (0.050, 0.5, 0.95),
     )
     return [
-        Section(-_THICKNESS - back, a * _RIDGE_HALF_THICKNESS, b * _RIDGE_HALF_LENGTH, exponent=4.0)
+        CrossSection(-_THICKNESS - back, a * _RIDGE_HALF_THICKNESS, b * _RIDGE_HALF_LENGTH, exponent=4.0)
         for back, a, b in outline
     ]
 
 
-WASHCLOTH = Tool("washcloth", _build_washcloth, grip_pos=(-0.062, 0.0, 0.0), particles=None, pad="washcloth")
+WASHCLOTH = Tool(
+    "washcloth", _build_washcloth, grip_pos=(-0.062, 0.0, 0.0), particles=None, contact_body="washcloth"
+)

@@ -8,13 +8,13 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
-MAX_PRODUCTS = 65536
+MAX_STORED_PRODUCTS = 65536
 """Maximum number of products that are stored before they are summed. They need half a megabyte, less than the size of
 the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
-class Memory:
+class GatedRecurrentUnit:
     """A gated recurrent unit (Cho et al., EMNLP 2014) with U units, in PyTorch's variant.
 
     The columns of the weights are reset gates, update gates and candidates. Arrays are stored as read-only float64.
@@ -40,7 +40,7 @@ class Memory:
         """Returns the number of units, U."""
         return self.hidden_weight.shape[0]
 
-    def next_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
+    def next_hidden_state(self, rows: FloatArray, memory: FloatArray) -> FloatArray:
         """Returns the next hidden state (N, U), from inputs ``rows`` (N, inputs) and the previous state
         ``memory`` (N, U). Values are in [-1, 1].
         """
@@ -57,7 +57,7 @@ def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
     Unlike in BLAS, the order of sums is fixed.
     """
     outputs = np.empty((len(rows), weight.shape[1]))
-    batch = max(1, MAX_PRODUCTS // weight.size)
+    batch = max(1, MAX_STORED_PRODUCTS // weight.size)
     for first in range(0, len(rows), batch):
         part = slice(first, first + batch)
         (rows[part, :, None] * weight).sum(axis=1, out=outputs[part])

@@ -18,14 +18,14 @@ import safetensors
 import safetensors.numpy
 
 from avrgym.geometry import elementary
-from avrgym.networks.layers import Memory, matrix_product, read_only_copy
-from avrgym.networks.vision import VISION_TENSORS, Vision
+from avrgym.networks.layers import GatedRecurrentUnit, matrix_product, read_only_copy
+from avrgym.networks.vision import VISION_TENSOR_NAMES, VisionNetwork
 from avrgym.system.files import write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 
 FORMAT_VERSION, RECURRENT_FORMAT_VERSION, VISUAL_FORMAT_VERSION = 2, 3, 4
 """Versions of the file format: for feed-forward policies, recurrent policies, and policies with vision."""
-FILE_SUFFIX = ".safetensors"
+POLICY_FILE_SUFFIX = ".safetensors"
 
 _HEADER = "avrgym_policy"
 _ACTION_STD = "action.deviation"
@@ -36,7 +36,7 @@ _FIXED_TENSORS = (
     "observation.epsilon",
     _ACTION_STD,
 )
-_MEMORY_TENSORS = {each.name: f"memory.{each.name}" for each in fields(Memory)}
+_MEMORY_TENSORS = {each.name: f"memory.{each.name}" for each in fields(GatedRecurrentUnit)}
 _DTYPES = ("F32", "F64")
 
 
@@ -44,7 +44,7 @@ class PolicyError(ValueError):
     """Raised if a policy cannot be loaded, saved or used. The message contains the error and the allowed values."""
 
 
-class HumanRole(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class TrainedHumanMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Metadata of a trained human: a human policy that was trained together with a robot policy.
 
     ``partner`` is the ``digest`` of the robot policy. ``people_file`` is the text of the people file that determined
@@ -75,7 +75,7 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     seconds: float = 0.0
     measured: dict[str, bool | int | float | str] = {}
     curve: list[tuple[int, float, float]] = []
-    human: HumanRole | None = None
+    human: TrainedHumanMetadata | None = None
     plugins: tuple[UsedPlugin, ...] = ()
     force_guard: bool = False
     settings: dict[str, Any] = {}
@@ -111,8 +111,8 @@ class Policy:
     observation_epsilon: float
     action_std: float
     metadata: PolicyMetadata
-    memory: Memory | None = None
-    vision: Vision | None = None
+    memory: GatedRecurrentUnit | None = None
+    vision: VisionNetwork | None = None
 
     def __post_init__(self):
         for name in ("weights", "biases"):
@@ -150,20 +150,20 @@ class Policy:
 
         A row's result does not depend on the other rows, bit for bit. Only for policies without memory and vision.
         """
-        return self.with_noise(self.mean(observations), generators)
+        return self.add_noise(self.mean_actions(observations), generators)
 
-    def mean(self, observations: np.ndarray) -> np.ndarray:
+    def mean_actions(self, observations: np.ndarray) -> np.ndarray:
         """Returns mean actions (N, action) before clipping. Only for policies without memory and vision."""
         if self.memory is not None:
             raise PolicyError("the policy is recurrent; compute its actions with `policies.actors.Actor`")
-        return self.step(observations, np.zeros((len(observations), 0)))[0]
+        return self.forward(observations, np.zeros((len(observations), 0)))[0]
 
-    def step(
+    def forward(
         self, observations: np.ndarray, memory: np.ndarray, image: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Returns mean actions (N, action) for observations (N, observation), and the next memory (N, memory).
 
-        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.network_input``. At the start of an episode
+        A policy with vision needs an ``image`` (N, H, W, C), from ``vision.vision_input``. At the start of an episode
         the memory is zero. Sums have a fixed order: a row's result does not depend on batch size or processor, bit for
         bit.
         """
@@ -171,21 +171,21 @@ class Policy:
             raise PolicyError(
                 f"observations have the shape {observations.shape}; allowed: (N, {self.observation_size})"
             )
-        rows = self.normalise(np.array(observations, np.float64, order="C"))
+        rows = self.normalise_observations(np.array(observations, np.float64, order="C"))
         if self.vision is not None:
             if image is None:
                 raise PolicyError(
                     f"the policy needs images; pass images of the camera {self.metadata.camera}"
                 )
-            rows = self._clip(self.vision.fill(rows, image))
+            rows = self._clip(self.vision.fill_estimates(rows, image))
         if self.memory is not None:
-            memory = self.memory.next_state(rows, memory)
+            memory = self.memory.next_hidden_state(rows, memory)
             rows = np.concatenate([rows, memory], axis=1)
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             rows = elementary.tanh(matrix_product(rows, weight) + bias)
         return matrix_product(rows, self.weights[-1]) + self.biases[-1], memory
 
-    def with_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
+    def add_noise(self, means: np.ndarray, generators: Sequence[np.random.Generator]) -> np.ndarray:
         """Returns actions (N, action), float32 in [-1, 1]: the means plus noise from the generators."""
         if len(generators) != len(means):
             raise PolicyError(
@@ -202,7 +202,7 @@ class Policy:
         """Returns the standard deviations (O,) of observations in training. Observations are divided by them."""
         return np.sqrt(self.observation_variance + self.observation_epsilon)
 
-    def normalise(self, observations: np.ndarray) -> np.ndarray:
+    def normalise_observations(self, observations: np.ndarray) -> np.ndarray:
         """Returns observations (N, O) with mean 0 and standard deviation 1 in training, clipped."""
         return self._clip((observations - self.observation_mean) / self.observation_deviation)
 
@@ -304,7 +304,7 @@ def _check_shapes(policy: Policy) -> None:
         _check_shape(f"actor.{layer}.bias", bias, size)
 
 
-def _check_memory(memory: Memory, inputs: int) -> None:
+def _check_memory(memory: GatedRecurrentUnit, inputs: int) -> None:
     _check_shape("memory.hidden_weight", memory.hidden_weight, (None, None))
     gates = 3 * memory.units
     _check_shape("memory.hidden_weight", memory.hidden_weight, (None, gates))
@@ -351,7 +351,7 @@ def _read(file: Any) -> Policy:
     names = set(file.keys())
     others = {
         RECURRENT_FORMAT_VERSION: tuple(_MEMORY_TENSORS.values()),
-        VISUAL_FORMAT_VERSION: VISION_TENSORS,
+        VISUAL_FORMAT_VERSION: VISION_TENSOR_NAMES,
     }
     fixed = (*_FIXED_TENSORS, *others.get(version, ()))
     layers = (len(names) - len(fixed)) // 2
@@ -371,10 +371,12 @@ def _read(file: Any) -> Policy:
         observation_epsilon=float(epsilon[0]),
         action_std=float(deviation[0]),
         metadata=metadata,
-        memory=Memory(**{name: _tensor(file, of_file) for name, of_file in _MEMORY_TENSORS.items()})
+        memory=GatedRecurrentUnit(
+            **{name: _tensor(file, of_file) for name, of_file in _MEMORY_TENSORS.items()}
+        )
         if version == RECURRENT_FORMAT_VERSION
         else None,
-        vision=Vision.of_tensors({name: _tensor(file, name) for name in VISION_TENSORS})
+        vision=VisionNetwork.from_tensors({name: _tensor(file, name) for name in VISION_TENSOR_NAMES})
         if version == VISUAL_FORMAT_VERSION
         else None,
     )

@@ -13,13 +13,13 @@ import numpy as np
 from avrgym.array_types import FloatArray, NumpyArray
 from avrgym.networks.layers import matrix_product, read_only_copy
 
-MAX_DEPTH_M = 1.2
+MAX_INPUT_DEPTH_M = 1.2
 """Depth that corresponds to 1 in the network's input. Larger depths are clipped to 1."""
-CONVOLUTIONS = 3
+CONVOLUTION_COUNT = 3
 
 
 @dataclass(frozen=True, eq=False)
-class Vision:
+class VisionNetwork:
     """Convolutions with rectified linear units (ReLU), then three dense layers. The second dense layer also receives
     the measured entries.
 
@@ -48,12 +48,12 @@ class Vision:
         for name in ("strides", "estimated_indices"):
             object.__setattr__(self, name, read_only_copy(getattr(self, name)))
 
-    def fill(self, rows: FloatArray, image: FloatArray) -> FloatArray:
+    def fill_estimates(self, rows: FloatArray, image: FloatArray) -> FloatArray:
         """Returns normalised observations (N, O) with the network's estimates in the estimated entries.
 
         Args:
             rows: (N, O); the values of estimated entries are not used.
-            image: (N, H, W, C), from ``network_input``.
+            image: (N, H, W, C), from ``vision_input``.
         """
         estimated = self.estimated_indices.astype(np.intp)
         features = image
@@ -85,11 +85,11 @@ class Vision:
         return found
 
     @classmethod
-    def of_tensors(cls, tensors: Mapping[str, NumpyArray]) -> "Vision":
+    def from_tensors(cls, tensors: Mapping[str, NumpyArray]) -> "VisionNetwork":
         """Create a network from the result of ``tensors``."""
 
         def each(name: str) -> tuple[Any, ...]:
-            return tuple(tensors[f"vision.{name}.{number}"] for number in range(CONVOLUTIONS))
+            return tuple(tensors[f"vision.{name}.{number}"] for number in range(CONVOLUTION_COUNT))
 
         return cls(
             each("kernel"),
@@ -100,7 +100,7 @@ class Vision:
             tensors["vision.estimated"],
         )
 
-    def check(self, observation_size: int, image_shape: tuple[int, int, int]) -> None:
+    def check_shapes(self, observation_size: int, image_shape: tuple[int, int, int]) -> None:
         """Check the shapes of all arrays for images (H, W, C) and observations (O,).
 
         Raises:
@@ -139,26 +139,26 @@ class Vision:
             raise ValueError(f"vision.dense.2 has {inputs} outputs; allowed: {len(estimated)}")
 
 
-VISION_TENSORS = (
+VISION_TENSOR_NAMES = (
     "vision.strides",
     "vision.estimated",
     *(
         f"vision.{name}.{number}"
         for name in ("kernel", "kernel_bias", "dense", "dense_bias")
-        for number in range(CONVOLUTIONS)
+        for number in range(CONVOLUTION_COUNT)
     ),
 )
 """Names of the arrays in a policy file."""
 
 
-def network_input(images: Mapping[str, NumpyArray]) -> FloatArray:
+def vision_input(images: Mapping[str, NumpyArray]) -> FloatArray:
     """Returns the network's input (N, H, W, C) for images of one camera, by kind: ``rgb`` (N, H, W, 3) or ``depth`` (N,
     H, W)."""
     parts: list[FloatArray] = []
     if "rgb" in images:
         parts.append(images["rgb"].astype(np.float64) / 255.0)
     if "depth" in images:
-        depth = np.minimum(images["depth"].astype(np.float64), MAX_DEPTH_M) / MAX_DEPTH_M
+        depth = np.minimum(images["depth"].astype(np.float64), MAX_INPUT_DEPTH_M) / MAX_INPUT_DEPTH_M
         parts.append(depth[..., None])
     return np.concatenate(parts, axis=-1)
 

@@ -11,9 +11,9 @@ from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.capsules import segment_box_distance, segment_distance
 from avrgym.models import human
-from avrgym.models.human import GEOMS, RIGHT_ARM, SEATED, Z_AXIS, People, Posture
-from avrgym.models.robot import Furniture
-from avrgym.models.task_frame import TaskFrame, X
+from avrgym.models.human import GEOMS, RIGHT_ARM_BODIES, SEATED, Z_AXIS, People, Posture
+from avrgym.models.robot import FurnitureBuilder
+from avrgym.models.task_frame import X_AXIS_INDEX, TaskFrame
 
 
 @dataclass(frozen=True)
@@ -26,28 +26,32 @@ class Boxes:
 
     def in_frame(self, frame: TaskFrame) -> "Boxes":
         """Returns the boxes, converted from the world frame to another frame."""
-        return Boxes(frame.points(self.pos_w), frame.rotations(self.q_w, X), self.half_size_m)
+        return Boxes(
+            frame.transform_points(self.pos_w),
+            frame.transform_rotations(self.q_w, X_AXIS_INDEX),
+            self.half_size_m,
+        )
 
 
-CONNECTED_PAIRS = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
+CONNECTED_CAPSULE_PAIRS = frozenset({("right_upper_arm", "right_shoulder"), ("right_upper_arm", "chest")})
 """Pairs of neighbouring capsules. They overlap in every pose in which the arm hangs down."""
 
-CHECKED_PAIRS = tuple(
+CHECKED_CAPSULE_PAIRS = tuple(
     (part, other)
-    for part in RIGHT_ARM
+    for part in RIGHT_ARM_BODIES
     for other in GEOMS
-    if other not in RIGHT_ARM
-    if (part, other) not in CONNECTED_PAIRS
+    if other not in RIGHT_ARM_BODIES
+    if (part, other) not in CONNECTED_CAPSULE_PAIRS
 )
 """Pairs of an arm capsule and another body capsule that must not touch."""
 
 _NAMES = tuple(GEOMS)
-_ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM])
-_PART = np.array([_NAMES.index(part) for part, _ in CHECKED_PAIRS])
-_OTHER = np.array([_NAMES.index(other) for _, other in CHECKED_PAIRS])
+_ARM = np.array([_NAMES.index(part) for part in RIGHT_ARM_BODIES])
+_PART = np.array([_NAMES.index(part) for part, _ in CHECKED_CAPSULE_PAIRS])
+_OTHER = np.array([_NAMES.index(other) for _, other in CHECKED_CAPSULE_PAIRS])
 
 
-def furniture_boxes(furniture: Sequence[Furniture]) -> Boxes:
+def furniture_boxes(furniture: Sequence[FurnitureBuilder]) -> Boxes:
     """Returns the collision boxes of furniture at its default position."""
     spec = mujoco.MjSpec()
     for add in furniture:
@@ -68,7 +72,7 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
         length zero.
     """
     xp = namespace(people.torso_height_m)
-    layout = human.layout_of_people(people, posture)
+    layout = human.body_layout_of_people(people, posture)
     pos_w, q_w = human.body_frames(people, posture)
     segments: list[FloatArray] = []
     for name, geom in GEOMS.items():

@@ -30,26 +30,26 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import choose_index, constant_like, interpolate, namespace
 from avrgym.models.human import JOINTS
 from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, unimpaired_signs
-from avrgym.people.population_names import SEVERITIES, Impairment
+from avrgym.people.population_names import SEVERITIES, ImpairmentName
 
-RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
+SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
 """Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
 SPASTIC_MOBILITY = (1.0, 0.6)
 """Executed share of the commanded motion of spastic arms."""
-AFFECTED_SPEED_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
+MAX_AFFECTED_SPEED_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
-PASSIVE_SHARE = 0.05
+PASSIVE_TORQUE_SHARE = 0.05
 """Torque of joints without voluntary control, as a share of the healthy torque.
 
 Passive tissue, backrest and armrests cause this torque (assumption).
 """
-GRADE_3_SHARE = 0.25
+GRADE_3_TORQUE_SHARE = 0.25
 """Torque of muscles of grade 3, as a share of the healthy torque (assumption).
 
 These muscles hold the limb against gravity. Grade 3 is far below half of the full torque (MacAvoy and Green, J. Hand
 Surg. Eur. 32:149, 2007).
 """
-DAMPING_RATIO = (0.59, 0.25)
+ATAXIC_DAMPING_RATIO = (0.59, 0.25)
 """Damping ratio ζ of ataxic joints.
 
 A step overshoots by exp(−π ζ / √(1 − ζ²)): 10 and 45 %.
@@ -68,12 +68,13 @@ _IN_ARM = np.array([joint.body not in ("torso", "head") for joint in JOINTS.valu
 _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {  # C6
         "shoulder_x": (1.0, 1.0, 1.0), "shoulder_y": (1.0, 1.0, 1.0), "shoulder_z": (1.0, 1.0, 1.0),
-        "elbow_x": (1.0, 1.0, PASSIVE_SHARE), "forearm_z": (1.0, 1.0, 1.0),
-        "wrist_x": (0.5, GRADE_3_SHARE, GRADE_3_SHARE),
+        "elbow_x": (1.0, 1.0, PASSIVE_TORQUE_SHARE), "forearm_z": (1.0, 1.0, 1.0),
+        "wrist_x": (0.5, GRADE_3_TORQUE_SHARE, GRADE_3_TORQUE_SHARE),
     },
     {  # C5
         "shoulder_x": (0.5, 0.5, 0.5), "shoulder_y": (0.5, 0.5, 0.5), "shoulder_z": (0.5, 0.5, 0.5),
-        "elbow_x": (0.7, GRADE_3_SHARE, PASSIVE_SHARE), "forearm_z": (0.5, GRADE_3_SHARE, GRADE_3_SHARE),
+        "elbow_x": (0.7, GRADE_3_TORQUE_SHARE, PASSIVE_TORQUE_SHARE),
+        "forearm_z": (0.5, GRADE_3_TORQUE_SHARE, GRADE_3_TORQUE_SHARE),
     },
     {},  # C4
 )  # fmt: skip
@@ -83,7 +84,7 @@ The elbow flexes towards its lower limit. Gravity extends it. Shares of the shou
 """
 
 
-def sample_motor_signs(impairment: Impairment, uniforms: FloatArray) -> MotorSigns:
+def sample_motor_signs(impairment: ImpairmentName, uniforms: FloatArray) -> MotorSigns:
     """Returns sampled motor signs of n people with a clinical impairment.
 
     ``uniforms`` (n, 1 + 20) are uniform random numbers. If the name of the impairment contains no severity, all
@@ -117,13 +118,13 @@ def _by_part(severity: FloatArray, degrees: Mapping[str, tuple[float, float]]) -
 
 
 def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
-    elbow = (RESISTANCE_N_M[0] / STRETCH_RAD_S, RESISTANCE_N_M[1] / STRETCH_RAD_S)
+    elbow = (SPASTIC_RESISTANCE_N_M[0] / STRETCH_RAD_S, SPASTIC_RESISTANCE_N_M[1] / STRETCH_RAD_S)
     parts = np.array([_STIFFNESS.get(name.split("_")[1], 0.0) for name in JOINTS])
     return replace(
         signs,
         damping_n_m_s=_by_joint(severity, elbow, parts),
         mobility=_affected(severity, SPASTIC_MOBILITY, _IN_ARM, 1.0),
-        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
+        speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -134,7 +135,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
         torque_share=strength[..., None] * signs.torque_share,
-        speed_rad_s=_affected(severity, AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
+        speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -146,7 +147,7 @@ def _spinal_cord_injury(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
 
 def _driven_joints(level: Mapping[str, tuple[float, float, float]]) -> FloatArray:
     """Returns mobility and torque shares (20, 3) of a level."""
-    passive = 0.0, PASSIVE_SHARE, PASSIVE_SHARE
+    passive = 0.0, PASSIVE_TORQUE_SHARE, PASSIVE_TORQUE_SHARE
     return np.array(
         [
             (1.0, 1.0, 1.0) if joint.body == "head" else level.get(name.partition("_")[2], passive)
@@ -158,9 +159,9 @@ def _driven_joints(level: Mapping[str, tuple[float, float, float]]) -> FloatArra
 def _ataxia(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
     return replace(
         signs,
-        damping_ratio=_by_joint(severity, DAMPING_RATIO, np.ones(len(JOINTS))),
+        damping_ratio=_by_joint(severity, ATAXIC_DAMPING_RATIO, np.ones(len(JOINTS))),
         intention_tremor_rad=_by_part(severity, INTENTION_TREMOR_DEG),
-        tremor_hz=interpolate(INTENTION_TREMOR_HZ, signs.phase[:, -1]),
+        tremor_hz=interpolate(INTENTION_TREMOR_HZ, signs.oscillation_phase[:, -1]),
     )
 
 
@@ -168,7 +169,7 @@ def _dyskinesia(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
     return replace(signs, dyskinesia_rad=_by_part(severity, DYSKINESIA_DEG))
 
 
-_SIGNS: Mapping[Impairment, Callable[[MotorSigns, FloatArray], MotorSigns]] = {
+_SIGNS: Mapping[ImpairmentName, Callable[[MotorSigns, FloatArray], MotorSigns]] = {
     "spasticity": _spasticity,
     "hemiparesis_left": partial(_hemiparesis, side="left_"),
     "hemiparesis_right": partial(_hemiparesis, side="right_"),

@@ -21,7 +21,7 @@ from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import motor
 from avrgym.people.motor import MotorState
 
-OfferedPart = Literal["mouth", "arm", "left_arm", "nothing"]
+OfferedBodyPart = Literal["mouth", "arm", "left_arm", "nothing"]
 """Body part that people move towards the tool. ``arm`` is the right arm.
 
 People hold the left arm still until they execute actions.
@@ -55,23 +55,23 @@ class PersonObservation(Protocol):
 NUM_UNIFORMS = 6
 """Number of uniform random numbers for the behaviour parameters of one person."""
 
-STORED_TOOL_POSITIONS = 5
+TOOL_HISTORY_LENGTH = 5
 """Number of stored tool positions: one for each of the latest control steps."""
-REACTION_STEPS = (2, 4)
+REACTION_DELAY_STEPS = (2, 4)
 """Range of the reaction delay, in control steps."""
-FACING_SHARE = (0.3, 0.7)
+FACING_SHARE_RANGE = (0.3, 0.7)
 """Range of ``CooperationState.facing_share``."""
-SWAY_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
-SWAY_HZ = (0.1, 0.3)
+SWAY_AMPLITUDE_RANGE_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
+SWAY_RANGE_HZ = (0.1, 0.3)
 """Range of the sway frequency."""
 
-NEAR_MOUTH_M, LEAN_RAD = 0.30, float(np.radians(10.0))
-NEAR_ARM_M, LIFT_RAD = 0.40, float(np.radians(8.0))
-HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
+MOUTH_APPROACH_DISTANCE_M, LEAN_RAD = 0.30, float(np.radians(10.0))
+ARM_APPROACH_DISTANCE_M, ARM_LIFT_ANGLE_RAD = 0.40, float(np.radians(8.0))
+MAX_HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_FACTOR_RANGE = (0.82, 1.18)
 """Range of speed and acceleration, relative to the limits of ``people.motor``; as for cooperating zoo partners."""
 
-OFFERED_JOINTS: Mapping[OfferedPart, tuple[str, ...]] = {
+OFFERED_JOINTS: Mapping[OfferedBodyPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
     "arm": tuple(name for name in JOINTS if name.startswith("right_")),
     "left_arm": tuple(name for name in JOINTS if name.startswith("left_")),
@@ -89,7 +89,7 @@ class CooperationState:
     """State of the behaviour model for N people.
 
     Attributes:
-        tool_history_w: latest tool positions (N, ``STORED_TOOL_POSITIONS``, 3), newest first.
+        tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
         targets_rad: joint targets without rhythmic motion (N, 20).
         rest_rad: initial joint angles (N, 20).
         time_s: time since the start of the episode (N,); used by version 1 of the motion only.
@@ -101,49 +101,49 @@ class CooperationState:
     """
 
     tool_history_w: FloatArray
-    targets_rad: FloatArray
-    rest_rad: FloatArray
+    joint_targets_rad: FloatArray
+    initial_angles_rad: FloatArray
     time_s: FloatArray
-    reaction_steps: IntArray
+    reaction_delay_steps: IntArray
     facing_share: FloatArray
-    sway_rad: FloatArray
+    sway_amplitude_rad: FloatArray
     sway_hz: FloatArray
-    phase_rad: FloatArray
+    sway_phase_rad: FloatArray
 
 
 def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
     """Returns the initial state. Behaviour parameters are sampled from uniform numbers (n, ``NUM_UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
-    low, high = REACTION_STEPS
+    low, high = REACTION_DELAY_STEPS
     return CooperationState(
         tool_history_w=xp.full(
-            (count, STORED_TOOL_POSITIONS, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
+            (count, TOOL_HISTORY_LENGTH, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
         ),
-        targets_rad=people.joint_angles_rad,
-        rest_rad=people.joint_angles_rad,
+        joint_targets_rad=people.joint_angles_rad,
+        initial_angles_rad=people.joint_angles_rad,
         time_s=xp.zeros_like(uniforms[:, 0]),
-        reaction_steps=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
-        facing_share=interpolate(FACING_SHARE, uniforms[:, 1]),
-        sway_rad=interpolate(SWAY_RAD, uniforms[:, 2]),
-        sway_hz=interpolate(SWAY_HZ, uniforms[:, 3]),
-        phase_rad=2.0 * np.pi * uniforms[:, 4:6],
+        reaction_delay_steps=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
+        facing_share=interpolate(FACING_SHARE_RANGE, uniforms[:, 1]),
+        sway_amplitude_rad=interpolate(SWAY_AMPLITUDE_RANGE_RAD, uniforms[:, 2]),
+        sway_hz=interpolate(SWAY_RANGE_HZ, uniforms[:, 3]),
+        sway_phase_rad=2.0 * np.pi * uniforms[:, 4:6],
     )
 
 
-def choose_goals(
+def choose_goal_angles(
     state: CooperationState,
     goals_rad: FloatArray,
     observation: PersonObservation,
-    offered: OfferedPart,
+    offered: OfferedBodyPart,
     posture: Posture,
 ) -> tuple[CooperationState, FloatArray]:
     """Returns the next state and the people's goal joint angles (N, 20), given an observation of the tool.
 
     ``goals_rad`` (N, 20) are the previous goals. They do not change for joints that have no reason to move.
     """
-    xp = namespace(state.targets_rad)
+    xp = namespace(state.joint_targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
-    tool = history[row_indices(history), state.reaction_steps]
+    tool = history[row_indices(history), state.reaction_delay_steps]
     match offered:
         case "mouth":
             goals = _mouth_goals(state, goals_rad, observation, tool, posture)
@@ -159,14 +159,16 @@ def advance_time(state: CooperationState) -> CooperationState:
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
-def motor_state(state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool) -> MotorState:
+def initial_motor_state(
+    state: CooperationState, people: People, uniforms: FloatArray, *, sways: bool
+) -> MotorState:
     """Returns the initial state of the motor model, from the same random numbers as ``initial_state``.
 
     ``sways``: whether people sway and have physiological tremor.
     """
     none, further = 0.0 * state.time_s, motor.derive_uniforms(uniforms)
     rhythms = motor.sample_rhythms(
-        state.sway_rad, state.sway_hz, state.phase_rad, none, none, further[:, 4:6]
+        state.sway_amplitude_rad, state.sway_hz, state.sway_phase_rad, none, none, further[:, 4:6]
     )
     return motor.initial_state(
         people, rhythms if sways else None, interpolate(SPEED_FACTOR_RANGE, further[:, 3]), further[:, :3]
@@ -181,12 +183,12 @@ def _mouth_goals(
     posture: Posture,
 ) -> FloatArray:
     """Returns goals (N, 20) that turn the face to the tool. The waist leans towards a near tool in front."""
-    xp, most, head = namespace(tool_w), constant_like(HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
+    xp, most, head = namespace(tool_w), constant_like(MAX_HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
-    ahead = to_torso_frame(state.targets_rad, offset, posture)
+    ahead = to_torso_frame(state.joint_targets_rad, offset, posture)
     turn = xp.clip(state.facing_share[:, None] * head_angles_toward(ahead), -most, most)
-    near = visible & (transforms.norm(ahead) < NEAR_MOUTH_M) & (ahead[:, 1] < 0.0)
+    near = visible & (transforms.norm(ahead) < MOUTH_APPROACH_DISTANCE_M) & (ahead[:, 1] < 0.0)
     goals = float_copy(goals_rad)
     goals[:, head] = xp.where(visible[:, None], turn, goals[:, head])
     goals[:, _WAIST_X] = xp.where(near, LEAN_RAD, goals[:, _WAIST_X])
@@ -199,9 +201,9 @@ def _arm_goals(
     """Returns goals (N, 20). If the tool is near, the right arm is lifted sideways and stretched a little."""
     xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
-    raised = state.rest_rad[:, lift] + LIFT_RAD
+    raised = state.initial_angles_rad[:, lift] + ARM_LIFT_ANGLE_RAD
     goals = float_copy(goals_rad)
-    goals[:, lift] = xp.where((gap < NEAR_ARM_M)[:, None], raised, goals[:, lift])
+    goals[:, lift] = xp.where((gap < ARM_APPROACH_DISTANCE_M)[:, None], raised, goals[:, lift])
     return goals
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import active_indices, constant_like, float_copy, interpolate, namespace
+from avrgym.geometry.arrays import constant_like, float_copy, indices_to_compute, interpolate, namespace
 from avrgym.models import human
 from avrgym.models.human import JOINT_INDEX, JOINTS, People, Person, Posture
 from avrgym.people import shoulder_limits
@@ -21,7 +21,7 @@ from avrgym.people.measured_bodies import sample_bodies
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ALLOWED_PEOPLE, ANTHROPOMETRIC, ORIGINAL, PARTICIPANTS, REVISED
 from avrgym.people.zoo.commanding import COMMANDING_SETS
-from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOOS, PartnerSet, sample_fitted_partners
+from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOO_PARTNER_SETS, PartnerSet, sample_fitted_partners
 
 if TYPE_CHECKING:
     from avrgym.people.people_file import PeopleFile
@@ -37,7 +37,7 @@ JointRanges = Mapping[str, tuple[float, float]]
 
 
 @dataclass(frozen=True)
-class Distribution:
+class PeopleDistribution:
     """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and bodies.
 
     People move if ``cooperating`` is true or if ``partners`` of the zoo are given, see ``people.cooperation`` and
@@ -51,7 +51,7 @@ class Distribution:
     torso_height_woman_m: tuple[float, float]
     waist_range_deg: float
     cooperating: bool = False
-    poses: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
+    joint_ranges_by_task: Mapping[str, JointRanges] = field(default_factory=dict[str, JointRanges])
     partners: PartnerSet | None = None
     motion_version: int = MOTION_VERSION
     measured_bodies: bool = False
@@ -64,26 +64,28 @@ class Distribution:
     def pose_for_task(self, task: str, default: "Pose") -> "Pose":
         """Returns the initial pose in a task: the pose ``default`` of the task, changed by ``poses``."""
         rest_rad, spread_rad = default.rest_rad.copy(), default.spread_rad.copy()
-        for joint, (low_deg, high_deg) in self.poses.get(task, {}).items():
+        for joint, (low_deg, high_deg) in self.joint_ranges_by_task.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
             spread_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (high_deg - low_deg))
         return Pose(rest_rad, spread_rad)
 
 
-_REVISED = Distribution((0.50, 0.70), (0.44, 0.64), waist_range_deg=10.0)
-DISTRIBUTIONS: Mapping[str, Distribution] = {
-    ORIGINAL: Distribution((0.60, 0.60), (0.54, 0.54), waist_range_deg=0.0),
+_REVISED = PeopleDistribution((0.50, 0.70), (0.44, 0.64), waist_range_deg=10.0)
+BASE_DISTRIBUTIONS: Mapping[str, PeopleDistribution] = {
+    ORIGINAL: PeopleDistribution((0.60, 0.60), (0.54, 0.54), waist_range_deg=0.0),
     REVISED: _REVISED,
-    PARTICIPANTS: Distribution((0.51, 0.58), (0.51, 0.58), waist_range_deg=5.0, cooperating=True),
-    ANTHROPOMETRIC: Distribution(
+    PARTICIPANTS: PeopleDistribution((0.51, 0.58), (0.51, 0.58), waist_range_deg=5.0, cooperating=True),
+    ANTHROPOMETRIC: PeopleDistribution(
         (0.54, 0.66), (0.49, 0.60), waist_range_deg=5.0, cooperating=True, measured_bodies=True
     ),
-    **{name: replace(_REVISED, partners=partners) for name, partners in ZOOS.items()},
+    **{name: replace(_REVISED, partners=partners) for name, partners in ZOO_PARTNER_SETS.items()},
 }
 _STYLES: Mapping[str, PartnerSet] = {**SINGLE_STYLE_SETS, **COMMANDING_SETS}
-_NAMED = DISTRIBUTIONS | {name: replace(_REVISED, partners=partners) for name, partners in _STYLES.items()}
+_NAMED = BASE_DISTRIBUTIONS | {
+    name: replace(_REVISED, partners=partners) for name, partners in _STYLES.items()
+}
 MOTION_VERSIONS = (1, MOTION_VERSION)
-NAMED_DISTRIBUTIONS: Mapping[str, Distribution] = _NAMED | {
+NAMED_DISTRIBUTIONS: Mapping[str, PeopleDistribution] = _NAMED | {
     f"{name}@{version}": replace(distribution, motion_version=version)
     for name, distribution in _NAMED.items()
     for version in MOTION_VERSIONS
@@ -94,17 +96,17 @@ They include single styles of the zoo, such as ``zoo/train/startled``, and versi
 ``participants@1``. Names without a version use the newest version.
 """
 
-ARM_CLEARANCE_M = 0.01
+MIN_ARM_CLEARANCE_M = 0.01
 """Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
 
-ARMREST_HALF_WIDTH_M, ARMREST_RAISE_RAD = 0.248, float(np.radians(30.0))
+ARMREST_HALF_GAP_M, ARMREST_ABDUCTION_RAD = 0.248, float(np.radians(30.0))
 """Half the distance between the wheelchair's armrests, with their padding.
 
 The second value is the abduction of arms that lie on the armrests.
 """
 
-RIGHT_ARM = np.array([name.startswith("right_") for name in JOINTS])
-WAIST = np.array([joint.body == "torso" for joint in JOINTS.values()])
+RIGHT_ARM_JOINT_MASK = np.array([name.startswith("right_") for name in JOINTS])
+WAIST_JOINT_MASK = np.array([joint.body == "torso" for joint in JOINTS.values()])
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,10 +122,10 @@ class Pose:
     @property
     def has_random_arm(self) -> bool:
         """Whether the right arm's pose is random."""
-        return bool(self.spread_rad[RIGHT_ARM].any())
+        return bool(self.spread_rad[RIGHT_ARM_JOINT_MASK].any())
 
 
-def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution:
+def find_distribution(name_or_path: str, tasks: Collection[str]) -> PeopleDistribution:
     """Returns the distribution with this name, or of this people file. A file may contain poses for any of ``tasks``.
 
     Raises:
@@ -141,18 +143,22 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> Distribution
         raise ValueError(f"unknown population {name_or_path!r}; allowed: {ALLOWED_PEOPLE}")
     from avrgym.people.people_file import read_people
 
-    return distribution_of(read_people(Path(name_or_path), tasks))
+    return distribution_from_file(read_people(Path(name_or_path), tasks))
 
 
-def distribution_of(people: "PeopleFile") -> Distribution:
+def distribution_from_file(people: "PeopleFile") -> PeopleDistribution:
     """Returns the distribution that a people file defines."""
     heights = people.torso_height_m
     partners = sample_fitted_partners(people.behaviour) if people.behaviour else None
-    return Distribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses, partners)
+    return PeopleDistribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses, partners)
 
 
 def sample_people(
-    distribution: Distribution, pose: Pose, posture: Posture, furniture: Boxes | None, uniforms: FloatArray
+    distribution: PeopleDistribution,
+    pose: Pose,
+    posture: Posture,
+    furniture: Boxes | None,
+    uniforms: FloatArray,
 ) -> People:
     """Returns n people, sampled from uniform numbers (n, ``NUM_UNIFORMS``). Both sexes are equally likely.
 
@@ -164,10 +170,11 @@ def sample_people(
     is_woman = uniforms[:, 0] < 0.5
     man = interpolate(distribution.torso_height_man_m, uniforms[:, 1])
     woman = interpolate(distribution.torso_height_woman_m, uniforms[:, 1])
-    spread = pose.spread_rad + np.where(WAIST, np.radians(distribution.waist_range_deg), 0.0)
+    spread = pose.spread_rad + np.where(WAIST_JOINT_MASK, np.radians(distribution.waist_range_deg), 0.0)
     shares = uniforms[:, 2:].reshape(len(uniforms), MAX_POSE_ATTEMPTS, len(JOINTS))
     rest, spread, lower, upper = (
-        constant_like(each, uniforms) for each in (pose.rest_rad, spread, human.LOWER_RAD, human.UPPER_RAD)
+        constant_like(each, uniforms)
+        for each in (pose.rest_rad, spread, human.LOWER_LIMITS_RAD, human.UPPER_LIMITS_RAD)
     )
     poses = xp.clip(rest + spread * (2.0 * shares - 1.0), lower, upper)
     people = People.unimpaired(is_woman, xp.where(is_woman, woman, man), poses[:, 0])
@@ -182,15 +189,18 @@ def sample_people(
 def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatArray:
     """Returns the poses (n, ``MAX_POSE_ATTEMPTS``, 20), changed for seated people who are too wide for the armrests.
 
-    Both upper arms of these people are abducted by at least ``ARMREST_RAISE_RAD``.
+    Both upper arms of these people are abducted by at least ``ARMREST_ABDUCTION_RAD``.
     """
     if posture.hips_pos_w is not None:
         return poses
-    xp, p = namespace(poses), human.layout_of_people(people, posture).proportions
+    xp, p = namespace(poses), human.body_layout_of_people(people, posture).proportions
     half_width = namespace(poses).ones_like(people.stature_m) * (p.shoulder_offset_x + p.upper_arm_radius)
-    wide = (half_width > ARMREST_HALF_WIDTH_M)[:, None]
+    wide = (half_width > ARMREST_HALF_GAP_M)[:, None]
     poses = float_copy(poses)
-    for joint, raised in (("right_shoulder_y", ARMREST_RAISE_RAD), ("left_shoulder_y", -ARMREST_RAISE_RAD)):
+    for joint, raised in (
+        ("right_shoulder_y", ARMREST_ABDUCTION_RAD),
+        ("left_shoulder_y", -ARMREST_ABDUCTION_RAD),
+    ):
         angle = poses[..., JOINT_INDEX[joint]]
         limited = xp.clip(angle, raised, None) if raised > 0.0 else xp.clip(angle, None, raised)
         poses[..., JOINT_INDEX[joint]] = xp.where(wide, limited, angle)
@@ -204,23 +214,23 @@ def _resample_crowded_poses(
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):
-        (rows,) = active_indices(crowded)
+        (rows,) = indices_to_compute(crowded)
         if not len(rows):
             break
         angles[rows] = xp.where(crowded[rows, None], poses[rows, attempt], angles[rows])
         now = replace(people, joint_angles_rad=angles)
         again = People(**{name: array[rows] for name, array in vars(now).items()})
         crowded[rows] = crowded[rows] & ~_has_room(again, posture, furniture)
-    angles = xp.where(crowded[:, None], shoulder_limits.clip(angles), angles)
+    angles = xp.where(crowded[:, None], shoulder_limits.clip_shoulders(angles), angles)
     return replace(people, joint_angles_rad=angles)
 
 
 def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> BoolArray:
     segments_w, radii_m = person_capsules(people, posture)
-    room = clearance(segments_w, radii_m, furniture) >= ARM_CLEARANCE_M
-    return room & shoulder_limits.within_limits(people.joint_angles_rad)
+    room = clearance(segments_w, radii_m, furniture) >= MIN_ARM_CLEARANCE_M
+    return room & shoulder_limits.shoulders_within_limits(people.joint_angles_rad)
 
 
 def repeat_person(person: Person, count: int) -> People:
     """Returns ``count`` copies of one person."""
-    return People.of([person] * count)
+    return People.from_persons([person] * count)

@@ -21,7 +21,7 @@ NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
 After a ramp they overshoot in proportion to its speed. Hypermetria increases with speed in the same way (Topka et al.,
 Exp. Brain Res. 119:483, 1998).
 """
-EFFORT_DECAY_S, EFFORT_RAD, TERMINAL_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
+GOAL_MOTION_DECAY_S, HALF_TREMOR_MOTION_RAD, HALF_TREMOR_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
 """Parameters of the intention tremor (assumptions).
 
 The amplitude is at least half of its maximum if the goal moved by more than 5° in the last second. It is halved while
@@ -33,7 +33,7 @@ DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)
 It is slower than 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196, 2000: 1 to 3 Hz), and slower than
 voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and weights are assumptions.
 """
-ONSET_S = 1.0
+AMPLITUDE_ONSET_S = 1.0
 """Time until dyskinesia reaches its full amplitude."""
 INTEGRATION_STEP_S = 0.01
 
@@ -57,16 +57,16 @@ class MotorSigns:
     mobility: FloatArray
     torque_share: FloatArray
     damping_n_m_s: FloatArray
-    speed_rad_s: FloatArray
+    max_speed_rad_s: FloatArray
     damping_ratio: FloatArray
     intention_tremor_rad: FloatArray
     dyskinesia_rad: FloatArray
     tremor_hz: FloatArray
-    phase: FloatArray
+    oscillation_phase: FloatArray
 
 
 @dataclass(frozen=True)
-class ImpairedState:
+class ImpairedMotionState:
     """State of the impaired motion of N people.
 
     Attributes:
@@ -77,10 +77,10 @@ class ImpairedState:
         time_s: time since the start of the episode (N,).
     """
 
-    executed_rad: FloatArray
+    executed_angles_rad: FloatArray
     speed_rad_s: FloatArray
-    goal_rad: FloatArray
-    effort_rad: FloatArray
+    goal_angles_rad: FloatArray
+    recent_goal_motion_rad: FloatArray
     time_s: FloatArray
 
 
@@ -92,42 +92,42 @@ def unimpaired_signs(phase: FloatArray) -> MotorSigns:
         mobility=full,
         torque_share=xp.stack([full, full], axis=-1),
         damping_n_m_s=none,
-        speed_rad_s=UNLIMITED_SPEED_RAD_S * full,
+        max_speed_rad_s=UNLIMITED_SPEED_RAD_S * full,
         damping_ratio=full,
         intention_tremor_rad=none,
         dyskinesia_rad=none,
         tremor_hz=none[:, 0],
-        phase=phase,
+        oscillation_phase=phase,
     )
 
 
-def initial_state(rest_rad: FloatArray) -> ImpairedState:
+def initial_state(rest_rad: FloatArray) -> ImpairedMotionState:
     """Returns the state of n people at rest in their initial pose (n, 20)."""
     none = namespace(rest_rad).zeros_like(rest_rad)
-    return ImpairedState(rest_rad, none, rest_rad, none, none[:, 0])
+    return ImpairedMotionState(rest_rad, none, rest_rad, none, none[:, 0])
 
 
 def step(
     signs: MotorSigns,
-    state: ImpairedState,
+    state: ImpairedMotionState,
     targets_rad: FloatArray,
     rest_rad: FloatArray,
     step_s: float,
-) -> tuple[ImpairedState, FloatArray]:
+) -> tuple[ImpairedMotionState, FloatArray]:
     """Returns the state after ``step_s``, and the executed joint angles (N, 20) without joint limits.
 
     ``targets_rad`` (N, 20) are the commanded targets, ``rest_rad`` (N, 20) is the initial pose.
     """
     xp = namespace(targets_rad)
     goal = rest_rad + signs.mobility * (targets_rad - rest_rad)
-    change = xp.abs(goal - state.goal_rad)
+    change = xp.abs(goal - state.goal_angles_rad)
     executed, speed = _follow(signs, state, goal, step_s)
     state = replace(
         state,
-        executed_rad=executed,
+        executed_angles_rad=executed,
         speed_rad_s=speed,
         goal_rad=goal,
-        effort_rad=state.effort_rad * (1.0 - step_s / EFFORT_DECAY_S) + change,
+        recent_goal_motion_rad=state.recent_goal_motion_rad * (1.0 - step_s / GOAL_MOTION_DECAY_S) + change,
         time_s=state.time_s + step_s,
     )
     involuntary = _intention_tremor_rad(signs, state, change / step_s) + _dyskinesia_rad(signs, state)
@@ -135,7 +135,7 @@ def step(
 
 
 def _follow(
-    signs: MotorSigns, state: ImpairedState, goal: FloatArray, step_s: float
+    signs: MotorSigns, state: ImpairedMotionState, goal: FloatArray, step_s: float
 ) -> tuple[FloatArray, FloatArray]:
     """Returns executed angles and speeds (N, 20).
 
@@ -144,8 +144,8 @@ def _follow(
     xp, ataxic = namespace(goal), signs.damping_ratio < 1.0
     substeps = max(1, round(step_s / INTEGRATION_STEP_S))
     substep_s = step_s / substeps
-    most = signs.speed_rad_s * substep_s
-    executed, speed = state.executed_rad, state.speed_rad_s
+    most = signs.max_speed_rad_s * substep_s
+    executed, speed = state.executed_angles_rad, state.speed_rad_s
     for _ in range(substeps):
         way = goal - executed
         pull = NATURAL_FREQUENCY_RAD_S**2 * way
@@ -156,23 +156,25 @@ def _follow(
 
 
 def _intention_tremor_rad(
-    signs: MotorSigns, state: ImpairedState, goal_speed_rad_s: FloatArray
+    signs: MotorSigns, state: ImpairedMotionState, goal_speed_rad_s: FloatArray
 ) -> FloatArray:
     """Returns the intention tremor (N, 20). It grows when a movement slows down near its goal."""
-    active = state.effort_rad / (state.effort_rad + EFFORT_RAD)
-    terminal = 1.0 / (1.0 + goal_speed_rad_s / TERMINAL_SPEED_RAD_S)
-    angle = 2.0 * np.pi * ((signs.tremor_hz * state.time_s)[:, None] + signs.phase)
+    active = state.recent_goal_motion_rad / (state.recent_goal_motion_rad + HALF_TREMOR_MOTION_RAD)
+    terminal = 1.0 / (1.0 + goal_speed_rad_s / HALF_TREMOR_SPEED_RAD_S)
+    angle = 2.0 * np.pi * ((signs.tremor_hz * state.time_s)[:, None] + signs.oscillation_phase)
     return signs.intention_tremor_rad * active * terminal * elementary.sin(angle)
 
 
-def _dyskinesia_rad(signs: MotorSigns, state: ImpairedState) -> FloatArray:
+def _dyskinesia_rad(signs: MotorSigns, state: ImpairedMotionState) -> FloatArray:
     """Returns the involuntary displacement (N, 20). Frequencies differ by up to ±20 % between joints."""
-    xp = namespace(signs.phase)
-    pace = 0.8 + 0.4 * signs.phase
+    xp = namespace(signs.oscillation_phase)
+    pace = 0.8 + 0.4 * signs.oscillation_phase
     wave = sum(
         weight
-        * elementary.sin(2.0 * np.pi * (hz * pace * state.time_s[:, None] + (number + 1) * signs.phase))
+        * elementary.sin(
+            2.0 * np.pi * (hz * pace * state.time_s[:, None] + (number + 1) * signs.oscillation_phase)
+        )
         for number, (hz, weight) in enumerate(zip(DYSKINESIA_HZ, DYSKINESIA_WEIGHTS, strict=True))
     )
-    onset = xp.minimum(state.time_s / ONSET_S, xp.ones_like(state.time_s))
+    onset = xp.minimum(state.time_s / AMPLITUDE_ONSET_S, xp.ones_like(state.time_s))
     return signs.dyskinesia_rad * onset[:, None] * wave

@@ -6,13 +6,13 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like, interpolate, namespace
-from avrgym.models.human import JOINTS, LOWER_RAD, UPPER_RAD, People
+from avrgym.models.human import JOINTS, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD, People
 from avrgym.people.clinical_impairments import sample_motor_signs
-from avrgym.people.population_names import ALLOWED_IMPAIRMENTS, IMPAIRMENTS, SEVERITIES, Impairment
+from avrgym.people.population_names import ALLOWED_IMPAIRMENTS, IMPAIRMENTS, SEVERITIES, ImpairmentName
 
 NUM_UNIFORMS = 1 + len(JOINTS)
-RANGE_SHARE, STRENGTH_SHARE = (0.5, 1.0), (0.25, 1.0)
-TREMOR_TARGET_RAD = np.array(
+LIMITED_RANGE_SHARES, WEAKNESS_STRENGTH_SHARES = (0.5, 1.0), (0.25, 1.0)
+MAX_TREMOR_TARGET_RAD = np.array(
     [np.radians({"torso": 0.0, "head": 20.0}.get(joint.body, 10.0)) for joint in JOINTS.values()]
 )
 """Maximum amplitude of the alternating joint targets in Assistive Gym: head ±20°, arms ±10°."""
@@ -27,11 +27,11 @@ TREMOR_AMPLITUDE_RATIO = _STEP_RESPONSE / (2.0 - _STEP_RESPONSE)
 
 It is the solution of 2 a = ``_STEP_RESPONSE`` (target + a).
 """
-TREMOR_RAD = TREMOR_AMPLITUDE_RATIO * TREMOR_TARGET_RAD
+MAX_TREMOR_AMPLITUDE_RAD = TREMOR_AMPLITUDE_RATIO * MAX_TREMOR_TARGET_RAD
 """Largest tremor amplitude: head ±2.5°, arms ±1.3°."""
 
 
-def find_impairment(name: str) -> Impairment:
+def find_impairment(name: str) -> ImpairmentName:
     """Returns ``name`` if an impairment with this name exists.
 
     Raises:
@@ -43,32 +43,36 @@ def find_impairment(name: str) -> Impairment:
     return name
 
 
-def is_clinical(impairment: Impairment) -> bool:
+def is_clinical(impairment: ImpairmentName) -> bool:
     """Returns whether ``people.impaired_motion`` computes the motion of people with this impairment."""
     return impairment.partition(":")[0] in SEVERITIES
 
 
-def needs_joints(impairment: Impairment) -> bool:
+def needs_movable_joints(impairment: ImpairmentName) -> bool:
     """Returns whether the impairment has an effect only on people with movable joints."""
     return impairment in ("weakness", "tremor") or is_clinical(impairment)
 
 
-def apply_impairment(people: People, impairment: Impairment, uniforms: FloatArray) -> People:
+def apply_impairment(people: People, impairment: ImpairmentName, uniforms: FloatArray) -> People:
     """Returns people with an impairment. Its severity is sampled from uniform numbers (n, ``NUM_UNIFORMS``).
 
-    - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
-    - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
-    - ``tremor``: amplitudes are sampled between 0 and ``TREMOR_RAD``. If the person already has a larger tremor, it
-      does not change.
-    - A clinical impairment: torques by joint and direction, and damping, see ``people.clinical_impairments``.
+    - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them. -
+    ``weakness``: joint torques are multiplied by a factor from U(0.25, 1). - ``tremor``: amplitudes are sampled between
+    0 and ``MAX_TREMOR_AMPLITUDE_RAD``. If the person already has a larger tremor, it does not change. - A clinical
+    impairment: torques by joint and direction, and damping, see ``people.clinical_impairments``.
     """
     if impairment == "limits":
-        return limit_joint_ranges(people, people.range_share * interpolate(RANGE_SHARE, uniforms[:, 0]))
+        return limit_joint_ranges(
+            people, people.range_share * interpolate(LIMITED_RANGE_SHARES, uniforms[:, 0])
+        )
     if impairment == "weakness":
-        share = people.strength_share * interpolate(STRENGTH_SHARE, uniforms[:, 0])
+        share = people.strength_share * interpolate(WEAKNESS_STRENGTH_SHARES, uniforms[:, 0])
         return replace(people, strength_share=share)
     if impairment == "tremor":
-        xp, amplitude_rad = namespace(uniforms), constant_like(TREMOR_RAD, uniforms) * uniforms[:, 1:]
+        xp, amplitude_rad = (
+            namespace(uniforms),
+            constant_like(MAX_TREMOR_AMPLITUDE_RAD, uniforms) * uniforms[:, 1:],
+        )
         return replace(people, tremor_rad=xp.maximum(people.tremor_rad, amplitude_rad))
     if is_clinical(impairment):
         signs = sample_motor_signs(impairment, uniforms)
@@ -85,5 +89,8 @@ def limit_joint_ranges(people: People, share: FloatArray) -> People:
 def clip_to_ranges(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Returns joint angles (..., n, 20), clipped to the joint ranges of ``people``."""
     share = people.range_share[:, None]
-    lower, upper = share * constant_like(LOWER_RAD, share), share * constant_like(UPPER_RAD, share)
+    lower, upper = (
+        share * constant_like(LOWER_LIMITS_RAD, share),
+        share * constant_like(UPPER_LIMITS_RAD, share),
+    )
     return namespace(joint_angles_rad).clip(joint_angles_rad, lower, upper)

@@ -26,50 +26,50 @@ from avrgym.models.body_names import Sex
 from avrgym.models.human import PROPORTIONS
 
 PERCENTILES = (5.0, 10.0, 25.0, 50.0, 75.0, 90.0, 95.0)
-BMI_KG_M2 = (17.0, 40.0)
-Percentiles = tuple[float, float, float, float, float, float, float]
+BMI_RANGE_KG_M2 = (17.0, 40.0)
+PercentileValues = tuple[float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True)
-class Survey:
+class AnthropometricSurvey:
     """Measures of one sex in metres: percentiles, regressions and percentiles of their residuals.
 
     A regression is the intercept, followed by the slopes. The medians of sitting height and arm are those of all
     measured people of this sex.
     """
 
-    stature: Percentiles
-    sitting_height: tuple[float, float]
-    sitting_height_residual: Percentiles
-    arm: tuple[float, float, float]
-    arm_residual: Percentiles
-    median_sitting_height: float
-    median_arm: float
+    stature_percentiles_m: PercentileValues
+    sitting_height_regression: tuple[float, float]
+    sitting_height_residuals_m: PercentileValues
+    arm_length_regression: tuple[float, float, float]
+    arm_length_residuals_m: PercentileValues
+    median_sitting_height_m: float
+    median_arm_length_m: float
 
 
-ANSUR_II: Mapping[Sex, Survey] = {
-    "man": Survey(
-        stature=(1.648, 1.669, 1.710, 1.755, 1.802, 1.844, 1.870),
-        sitting_height=(0.2058, 0.4057),
-        sitting_height_residual=(-0.0389, -0.0289, -0.0139, 0.0012, 0.0154, 0.0269, 0.0349),
-        arm=(0.0573, 0.5529, -0.4319),
-        arm_residual=(-0.0241, -0.0188, -0.0099, -0.0001, 0.0098, 0.0189, 0.0244),
-        median_sitting_height=0.918,
-        median_arm=0.631,
+ANSUR_II: Mapping[Sex, AnthropometricSurvey] = {
+    "man": AnthropometricSurvey(
+        stature_percentiles_m=(1.648, 1.669, 1.710, 1.755, 1.802, 1.844, 1.870),
+        sitting_height_regression=(0.2058, 0.4057),
+        sitting_height_residuals_m=(-0.0389, -0.0289, -0.0139, 0.0012, 0.0154, 0.0269, 0.0349),
+        arm_length_regression=(0.0573, 0.5529, -0.4319),
+        arm_length_residuals_m=(-0.0241, -0.0188, -0.0099, -0.0001, 0.0098, 0.0189, 0.0244),
+        median_sitting_height_m=0.918,
+        median_arm_length_m=0.631,
     ),
-    "woman": Survey(
-        stature=(1.525, 1.547, 1.5863, 1.626, 1.672, 1.713, 1.740),
-        sitting_height=(0.2158, 0.3935),
-        sitting_height_residual=(-0.0369, -0.0284, -0.0141, 0.0012, 0.0151, 0.0268, 0.0332),
-        arm=(0.0490, 0.5624, -0.4544),
-        arm_residual=(-0.0232, -0.0183, -0.0097, -0.0004, 0.0098, 0.0193, 0.0243),
-        median_sitting_height=0.857,
-        median_arm=0.574,
+    "woman": AnthropometricSurvey(
+        stature_percentiles_m=(1.525, 1.547, 1.5863, 1.626, 1.672, 1.713, 1.740),
+        sitting_height_regression=(0.2158, 0.3935),
+        sitting_height_residuals_m=(-0.0369, -0.0284, -0.0141, 0.0012, 0.0151, 0.0268, 0.0332),
+        arm_length_regression=(0.0490, 0.5624, -0.4544),
+        arm_length_residuals_m=(-0.0232, -0.0183, -0.0097, -0.0004, 0.0098, 0.0193, 0.0243),
+        median_sitting_height_m=0.857,
+        median_arm_length_m=0.574,
     ),
 }
 
 
-class Bodies(NamedTuple):
+class BodyMeasures(NamedTuple):
     """Body measures of n people, (n,) each; see ``Person``."""
 
     torso_height_m: FloatArray
@@ -78,7 +78,7 @@ class Bodies(NamedTuple):
     bmi_kg_m2: FloatArray
 
 
-def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) -> Bodies:
+def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) -> BodyMeasures:
     """Returns n bodies, sampled from two arrays (n,) of uniform random numbers.
 
     Each number is split into two random numbers: its first 26 bits and its remaining bits.
@@ -88,7 +88,7 @@ def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) ->
     for_arm, for_bmi = _two_uniforms(second)
     each = [_of_sex(sex, for_stature, for_sitting, for_arm) for sex in ("woman", "man")]
     torso, arm, stature = (xp.where(is_woman, *measures) for measures in zip(*each, strict=True))
-    return Bodies(torso, arm, stature, interpolate(BMI_KG_M2, for_bmi))
+    return BodyMeasures(torso, arm, stature, interpolate(BMI_RANGE_KG_M2, for_bmi))
 
 
 def _of_sex(
@@ -96,13 +96,13 @@ def _of_sex(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns torso heights, arm scales and statures (n,)."""
     survey = ANSUR_II[sex]
-    stature = _quantile(survey.stature, for_stature)
-    base, slope = survey.sitting_height
-    sitting = base + slope * stature + _quantile(survey.sitting_height_residual, for_sitting)
-    base, slope, on_sitting = survey.arm
-    arm = base + slope * stature + on_sitting * sitting + _quantile(survey.arm_residual, for_arm)
-    torso = sitting / survey.median_sitting_height
-    return PROPORTIONS[sex].torso_height * torso, arm / survey.median_arm / torso, stature
+    stature = _quantile(survey.stature_percentiles_m, for_stature)
+    base, slope = survey.sitting_height_regression
+    sitting = base + slope * stature + _quantile(survey.sitting_height_residuals_m, for_sitting)
+    base, slope, on_sitting = survey.arm_length_regression
+    arm = base + slope * stature + on_sitting * sitting + _quantile(survey.arm_length_residuals_m, for_arm)
+    torso = sitting / survey.median_sitting_height_m
+    return PROPORTIONS[sex].torso_height * torso, arm / survey.median_arm_length_m / torso, stature
 
 
 def _two_uniforms(uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -111,7 +111,7 @@ def _two_uniforms(uniform: FloatArray) -> tuple[FloatArray, FloatArray]:
     return whole / 2.0**26, scaled - whole
 
 
-def _quantile(table: Percentiles, uniform: FloatArray) -> FloatArray:
+def _quantile(table: PercentileValues, uniform: FloatArray) -> FloatArray:
     """Returns values between the 5th and the 95th percentile for uniform numbers (n,), by linear interpolation."""
     xp = namespace(uniform)
     share = 0.01 * (PERCENTILES[0] + (PERCENTILES[-1] - PERCENTILES[0]) * uniform)

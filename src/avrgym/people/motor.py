@@ -45,21 +45,25 @@ from avrgym.models.scene import PHYSICS_STEP_S
 MOTION_VERSION = 2
 """Version of the motion of simulated people. In version 1, joint targets change once in 0.1 s, see
 ``people.motion_version_1``."""
-SPEED_RAD_S = np.array([{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()])
-ACCELERATION_RAD_S2 = np.array([{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()])
+MAX_JOINT_SPEED_RAD_S = np.array(
+    [{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()]
+)
+MAX_JOINT_ACCELERATION_RAD_S2 = np.array(
+    [{"torso": 2.0, "head": 8.0}.get(each.body, 3.5) for each in JOINTS.values()]
+)
 STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
 """Factors that multiply speed and acceleration while people are startled."""
-NOISE_SHARE, NOISE_HZ = 0.1, (0.7, 1.3, 2.1)
+SPEED_NOISE_SHARE, SPEED_NOISE_HZ = 0.1, (0.7, 1.3, 2.1)
 """Standard deviation of the speed noise as a share of the speed, and frequencies of the noise."""
-USUAL_SPEED_SHARE = 1.0 / (1.0 + NOISE_SHARE * math.sqrt(2.0 * len(NOISE_HZ)))
+NOISE_FREE_SPEED_SHARE = 1.0 / (1.0 + SPEED_NOISE_SHARE * math.sqrt(2.0 * len(SPEED_NOISE_HZ)))
 """Speed without noise as a share of the speed limit. With the largest noise, the speed reaches the limit."""
-ONSET_S = 1.0
+AMPLITUDE_ONSET_S = 1.0
 """Time until sway, jaw motion and tremor reach their full amplitude."""
-MAX_ONSET_RATE_PER_S = 1.875 / ONSET_S
+MAX_ONSET_RATE_PER_S = 1.875 / AMPLITUDE_ONSET_S
 PHYSIOLOGICAL_TREMOR_HZ, PHYSIOLOGICAL_TREMOR_G = (8.0, 12.0), (0.005, 0.035)
-FOREARM_M, GRAVITY_M_S2 = 0.3, 9.81
+FOREARM_LENGTH_M, GRAVITY_M_S2 = 0.3, 9.81
 """Distance of the hand from the elbow; gravitational acceleration."""
-TREMOR_HZ = 5.0
+DEFAULT_TREMOR_HZ = 5.0
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
 """Fractional part of the golden ratio. Its multiples give evenly distributed phases (Weyl)."""
 
@@ -71,12 +75,18 @@ def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray
     damped system with natural frequency w may reverse between the speeds −v and v. The largest acceleration is then 2 w
     v / e.
     """
-    frequency_rad_s = 0.5 * math.e * acceleration_factor * ACCELERATION_RAD_S2 / (speed_factor * SPEED_RAD_S)
+    frequency_rad_s = (
+        0.5
+        * math.e
+        * acceleration_factor
+        * MAX_JOINT_ACCELERATION_RAD_S2
+        / (speed_factor * MAX_JOINT_SPEED_RAD_S)
+    )
     return frequency_rad_s * PHYSICS_STEP_S / (1.0 + frequency_rad_s * PHYSICS_STEP_S)
 
 
 _FOLLOW = _follow_share(1.0, 1.0)
-STARTLED_FOLLOW = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
+STARTLED_FILTER_GAIN = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
 """Filter gain (20,) of joints of startled people in 10 ms, see ``_follow_share``."""
 _WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
 _PHYSIOLOGICAL = np.array(
@@ -84,23 +94,27 @@ _PHYSIOLOGICAL = np.array(
 )
 """Joints (20,) with physiological tremor."""
 _NOISE_PHASE = (
-    2.0 * np.pi * GOLDEN_RATIO_FRACTION * np.arange(len(JOINTS) * len(NOISE_HZ)).reshape(len(JOINTS), -1)
+    2.0
+    * np.pi
+    * GOLDEN_RATIO_FRACTION
+    * np.arange(len(JOINTS) * len(SPEED_NOISE_HZ)).reshape(len(JOINTS), -1)
 )
 """Phases (20, 3) of the noise; they differ between joints."""
 
 
 @dataclass(frozen=True)
-class Rhythms:
+class RhythmicMotion:
     """Rhythmic motion of N people, arrays (N,); ``sway_phase_rad`` is (N, 2).
 
-    ``sway_rad`` is the amplitude of the waist's sway, ``jaw_rad`` that of the head's motion with the jaw. Physiological
-    tremor has the amplitude ``physiological_tremor_rad`` and the frequency ``physiological_tremor_hz``.
+    ``sway_amplitude_rad`` is the amplitude of the waist's sway, ``jaw_amplitude_rad`` that of the head's motion with
+    the jaw. Physiological tremor has the amplitude ``physiological_tremor_rad`` and the frequency
+    ``physiological_tremor_hz``.
     """
 
-    sway_rad: FloatArray
+    sway_amplitude_rad: FloatArray
     sway_hz: FloatArray
     sway_phase_rad: FloatArray
-    jaw_rad: FloatArray
+    jaw_amplitude_rad: FloatArray
     jaw_hz: FloatArray
     physiological_tremor_rad: FloatArray
     physiological_tremor_hz: FloatArray
@@ -132,7 +146,7 @@ class MotorState:
     filter_gain: FloatArray
     speed_factor: FloatArray
     noise_phase_rad: FloatArray
-    wave_rad: FloatArray
+    wave_amplitude_rad: FloatArray
     wave_hz: FloatArray
     wave_phase_rad: FloatArray
     time_s: FloatArray
@@ -151,7 +165,7 @@ def sample_rhythms(
     jaw_rad: FloatArray,
     jaw_hz: FloatArray,
     uniforms: FloatArray,
-) -> Rhythms:
+) -> RhythmicMotion:
     """Returns rhythms with the given sway and jaw motion.
 
     Physiological tremor is sampled from uniform numbers (N, 2).
@@ -162,16 +176,16 @@ def sample_rhythms(
     )
     tremor_hz = interpolate(PHYSIOLOGICAL_TREMOR_HZ, uniforms[:, 1])
     angular = 2.0 * np.pi * tremor_hz
-    tremor_rad = acceleration_m_s2 / (FOREARM_M * angular * angular)
-    return Rhythms(sway_rad, sway_hz, sway_phase_rad, jaw_rad, jaw_hz, tremor_rad, tremor_hz)
+    tremor_rad = acceleration_m_s2 / (FOREARM_LENGTH_M * angular * angular)
+    return RhythmicMotion(sway_rad, sway_hz, sway_phase_rad, jaw_rad, jaw_hz, tremor_rad, tremor_hz)
 
 
 def initial_state(
     people: People,
-    rhythms: Rhythms | None,
+    rhythms: RhythmicMotion | None,
     speed_factor: FloatArray,
     noise_uniforms: FloatArray,
-    tremor_hz: FloatArray | float = TREMOR_HZ,
+    tremor_hz: FloatArray | float = DEFAULT_TREMOR_HZ,
 ) -> MotorState:
     """Returns the initial state of people at rest in their pose.
 
@@ -187,8 +201,8 @@ def initial_state(
     waves = [(people.tremor_rad + nothing, none + tremor_hz, none)]
     if rhythms is not None:
         forwards, sideways, nodding = nothing + 0.0, nothing + 0.0, nothing + 0.0
-        forwards[:, _WAIST_X] = sideways[:, _WAIST_Y] = rhythms.sway_rad
-        nodding[:, _HEAD_X] = 0.5 * rhythms.jaw_rad
+        forwards[:, _WAIST_X] = sideways[:, _WAIST_Y] = rhythms.sway_amplitude_rad
+        nodding[:, _HEAD_X] = 0.5 * rhythms.jaw_amplitude_rad
         trembling = rhythms.physiological_tremor_rad[:, None] * constant_like(_PHYSIOLOGICAL, angles)
         phase = rhythms.sway_phase_rad
         waves += [
@@ -207,21 +221,21 @@ def initial_state(
         filter_gain=nothing + constant_like(_FOLLOW, angles),
         speed_factor=speed_factor,
         noise_phase_rad=2.0 * np.pi * noise_uniforms,
-        wave_rad=amplitudes,
+        wave_amplitude_rad=amplitudes,
         wave_hz=frequencies,
         wave_phase_rad=phases,
         time_s=none,
     )
 
 
-def set_goal(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
+def set_goal_angles(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
     """Returns the state with new goals (N, 20). People in the mask ``startled`` (N,) move immediately and fast."""
-    xp, speed = namespace(goal_rad), constant_like(SPEED_RAD_S, goal_rad)
+    xp, speed = namespace(goal_rad), constant_like(MAX_JOINT_SPEED_RAD_S, goal_rad)
     factor, filter_gain = state.speed_factor, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
         factor = xp.where(startled, STARTLE_SPEED_FACTOR, factor)
-        filter_gain = xp.where(startled[:, None], constant_like(STARTLED_FOLLOW, goal_rad), filter_gain)
-    varying = USUAL_SPEED_SHARE * (1.0 + NOISE_SHARE * _noise(state))
+        filter_gain = xp.where(startled[:, None], constant_like(STARTLED_FILTER_GAIN, goal_rad), filter_gain)
+    varying = NOISE_FREE_SPEED_SHARE * (1.0 + SPEED_NOISE_SHARE * _noise(state))
     return replace(
         state,
         goal_rad=goal_rad,
@@ -236,14 +250,14 @@ def _noise(state: MotorState) -> FloatArray:
     It is a sum of sines with random phases (Shinozuka and Deodatis, Appl. Mech. Rev. 44:191, 1991).
     """
     total = 0.0 * state.goal_rad
-    for number, frequency_hz in enumerate(NOISE_HZ):
+    for number, frequency_hz in enumerate(SPEED_NOISE_HZ):
         angle = 2.0 * np.pi * frequency_hz * state.time_s + state.noise_phase_rad[:, number]
         shift = constant_like(np.ascontiguousarray(_NOISE_PHASE[:, number]), total)
         total = total + elementary.sin(angle[:, None] + shift)
-    return total * math.sqrt(2.0 / len(NOISE_HZ))
+    return total * math.sqrt(2.0 / len(SPEED_NOISE_HZ))
 
 
-def advance(state: MotorState) -> MotorState:
+def advance_motor_state(state: MotorState) -> MotorState:
     """Returns the state 10 ms later."""
     xp = namespace(state.goal_rad)
     way = state.goal_rad - state.equilibrium_rad
@@ -259,14 +273,14 @@ def advance(state: MotorState) -> MotorState:
     )
 
 
-def next_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatArray]:
+def next_joint_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatArray]:
     """Returns the state after ``count`` steps of 10 ms, and the joint targets (``count``, N, 20) after each step.
 
     Targets contain movements, sway, motion with the jaw, and tremor.
     """
     states: list[MotorState] = []
     for _ in range(count):
-        state = advance(state)
+        state = advance_motor_state(state)
         states.append(state)
     xp = namespace(state.goal_rad)
     targets, time_s = (
@@ -275,13 +289,13 @@ def next_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatAr
     angle = 2.0 * np.pi * state.wave_hz * time_s[..., None] + state.wave_phase_rad
     swung = elementary.sin(angle) * _onset(time_s)[..., None]
     for number in range(state.wave_hz.shape[1]):
-        targets = targets + swung[..., number, None] * state.wave_rad[:, number]
+        targets = targets + swung[..., number, None] * state.wave_amplitude_rad[:, number]
     return state, targets
 
 
 def _onset(time_s: FloatArray) -> FloatArray:
     """Returns the amplitude of rhythms as a share of the full amplitude. It increases with minimum jerk."""
-    share = namespace(time_s).minimum(time_s / ONSET_S, 1.0)
+    share = namespace(time_s).minimum(time_s / AMPLITUDE_ONSET_S, 1.0)
     return share * share * share * (10.0 + share * (6.0 * share - 15.0))
 
 
@@ -292,5 +306,5 @@ def speed_limit_rad_s(state: MotorState, startled: BoolArray | None = None) -> F
         if startled is None
         else np.where(startled, STARTLE_SPEED_FACTOR, state.speed_factor)
     )
-    waves = state.wave_rad * (2.0 * np.pi * state.wave_hz + MAX_ONSET_RATE_PER_S)[..., None]
-    return factor[:, None] * SPEED_RAD_S + waves.sum(axis=1)
+    waves = state.wave_amplitude_rad * (2.0 * np.pi * state.wave_hz + MAX_ONSET_RATE_PER_S)[..., None]
+    return factor[:, None] * MAX_JOINT_SPEED_RAD_S + waves.sum(axis=1)

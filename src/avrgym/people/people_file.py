@@ -13,12 +13,12 @@ from typing import Any
 import msgspec
 
 from avrgym.models.human import JOINTS, TORSO_HEIGHT_RANGE_M
-from avrgym.people.zoo.partners import ANY_VALUE, PARAMETER_BOUNDS, PARAMETER_NAMES
+from avrgym.people.zoo.partners import DEFAULT_PARAMETER_BOUNDS, PARAMETER_BOUNDS, PARAMETER_NAMES
 from avrgym.system.files import read_user_text
 from avrgym.system.type_guards import is_array, is_table
 
 ValueRange = tuple[float, float]
-Estimate = tuple[float, float]
+MeanAndDeviation = tuple[float, float]
 """Mean and standard deviation."""
 
 
@@ -64,7 +64,7 @@ class PeopleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     torso_height_m: TorsoHeights
     poses: dict[str, dict[str, ValueRange]] = {}
     source: FittedStudy | None = None
-    behaviour: tuple[dict[str, Estimate], ...] = ()
+    behaviour: tuple[dict[str, MeanAndDeviation], ...] = ()
 
 
 def read_people(path: Path, tasks: Collection[str]) -> PeopleFile:
@@ -125,7 +125,7 @@ def _estimate_mistakes(place: str, name: str, found: Any) -> Iterator[str]:
     if name not in PARAMETER_NAMES:
         yield f"{place}: unknown parameter; allowed: {', '.join(PARAMETER_NAMES)}"
         return
-    low, high = PARAMETER_BOUNDS.get(name, ANY_VALUE)
+    low, high = PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS)
     if not (_are_numbers(found) and low <= found[0] <= high and 0.0 <= found[1] < inf):
         yield f"{place} is {found}; allowed: [mean from {low:g} to {high:g}, standard deviation of 0 or more]"
 

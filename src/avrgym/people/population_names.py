@@ -15,12 +15,12 @@ ALLOWED_PEOPLE = (
 )
 """The allowed values of ``people``, for help and error messages."""
 
-Impairment = str
+ImpairmentName = str
 """A name in ``IMPAIRMENTS``. A clinical impairment may have a severity: ``spasticity:severe``."""
-REFERENCE_IMPAIRMENTS: tuple[Impairment, ...] = ("none", "limits", "weakness", "tremor")
+ASSISTIVE_GYM_IMPAIRMENTS: tuple[ImpairmentName, ...] = ("none", "limits", "weakness", "tremor")
 """The impairments of Assistive Gym."""
 _DEGREES = ("mild", "moderate", "severe")
-SEVERITIES: Mapping[Impairment, tuple[str, ...]] = {
+SEVERITIES: Mapping[ImpairmentName, tuple[str, ...]] = {
     "spasticity": _DEGREES,
     "hemiparesis_left": _DEGREES,
     "hemiparesis_right": _DEGREES,
@@ -29,7 +29,7 @@ SEVERITIES: Mapping[Impairment, tuple[str, ...]] = {
     "dyskinesia": _DEGREES,
 }
 """Severities of each clinical impairment, the least severe first."""
-IMPAIRMENTS: tuple[Impairment, ...] = (*REFERENCE_IMPAIRMENTS, *SEVERITIES)
+IMPAIRMENTS: tuple[ImpairmentName, ...] = (*ASSISTIVE_GYM_IMPAIRMENTS, *SEVERITIES)
 ALLOWED_IMPAIRMENTS = (
     f"{', '.join(IMPAIRMENTS)}; clinical impairments also with a severity, such as spasticity:severe "
     f"({', '.join(_DEGREES)}) or spinal_cord_injury:C5 ({', '.join(SEVERITIES['spinal_cord_injury'])})"

@@ -12,14 +12,19 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
-from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError
-from avrgym.people.distributions import NAMED_DISTRIBUTIONS, Distribution, distribution_of, find_distribution
+from avrgym.networks.policy import POLICY_FILE_SUFFIX, Policy, PolicyError
+from avrgym.people.distributions import (
+    NAMED_DISTRIBUTIONS,
+    PeopleDistribution,
+    distribution_from_file,
+    find_distribution,
+)
 from avrgym.people.impairments import find_impairment
-from avrgym.people.population_names import Impairment
+from avrgym.people.population_names import ImpairmentName
 from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 
-HUMAN_FILE = "human.safetensors"
+HUMAN_POLICY_FILE = "human.safetensors"
 """File name of the human policy in a training folder."""
 
 
@@ -32,11 +37,11 @@ class Population:
     """
 
     name: str
-    distribution: Distribution
-    impairment: Impairment = "none"
-    trained: Policy | None = None
+    distribution: PeopleDistribution
+    impairment: ImpairmentName = "none"
+    trained_policy: Policy | None = None
 
-    def effective_impairment(self, requested: Impairment) -> Impairment:
+    def effective_impairment(self, requested: ImpairmentName) -> ImpairmentName:
         """Returns the requested impairment, or the population's default impairment if ``none`` is requested."""
         return self.impairment if requested == "none" else requested
 
@@ -48,7 +53,7 @@ def is_trained_human(name_or_path: str) -> bool:
     """
     if name_or_path in NAMED_DISTRIBUTIONS:
         return False
-    return name_or_path.endswith((FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
+    return name_or_path.endswith((POLICY_FILE_SUFFIX, "/")) or Path(name_or_path).is_dir()
 
 
 def population_label(name_or_path: str) -> str:
@@ -68,16 +73,16 @@ def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Populat
         return (Population(name_or_path, find_distribution(name_or_path, tasks)),)
     if not Path(name_or_path).is_dir():
         return (_trained(Path(name_or_path), tasks),)
-    files = human_files(Path(name_or_path))
+    files = find_human_policy_files(Path(name_or_path))
     if not files:
         raise ValueError(
             f"{name_or_path} contains no trained human; allowed: a folder of training runs with --recipe pair, or of "
-            f"their {HUMAN_FILE} files"
+            f"their {HUMAN_POLICY_FILE} files"
         )
     return tuple(_trained(file, tasks) for file in files)
 
 
-def human_files(folder: Path) -> list[Path]:
+def find_human_policy_files(folder: Path) -> list[Path]:
     """Returns the policy files of trained humans in a folder and in the training folders inside it.
 
     Robot policies are ignored.
@@ -85,14 +90,14 @@ def human_files(folder: Path) -> list[Path]:
     Raises:
         PolicyError: for a damaged file.
     """
-    own, below = sorted(folder.glob(f"*{FILE_SUFFIX}")), sorted(folder.glob(f"*/{HUMAN_FILE}"))
+    own, below = sorted(folder.glob(f"*{POLICY_FILE_SUFFIX}")), sorted(folder.glob(f"*/{HUMAN_POLICY_FILE}"))
     return [file for file in [*own, *below] if Policy.load(file).metadata.human is not None]
 
 
 def people_for_workers(name_or_path: str) -> TransferredFile:
     """Returns the people with the contents of their files. Worker processes may have no access to the files."""
     if is_trained_human(name_or_path) and Path(name_or_path).is_dir():
-        return TransferredFile.read_folder(name_or_path, human_files(Path(name_or_path)))
+        return TransferredFile.read_folder(name_or_path, find_human_policy_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)
 
 
@@ -108,7 +113,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
     if text := metadata.human.people_file:
         from avrgym.people.people_file import parse_people
 
-        bodies = distribution_of(parse_people(text, f"{path}: its people", tasks))
+        bodies = distribution_from_file(parse_people(text, f"{path}: its people", tasks))
     else:
         bodies = find_distribution(metadata.people, tasks)
     return Population(str(path), bodies, find_impairment(metadata.impairment), policy)

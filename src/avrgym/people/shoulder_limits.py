@@ -22,10 +22,10 @@ which may violate the limits.
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import RAD_PER_DEGREE, as_floats, constant_like, float_copy, namespace
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, UPPER_RAD
+from avrgym.geometry.arrays import RAD_PER_DEGREE, constant_like, float_copy, namespace, namespace_and_floats
+from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD
 
-ABDUCTION_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
+ABDUCTION_RANGE_RAD = -9.0 * RAD_PER_DEGREE, 160.0 * RAD_PER_DEGREE
 
 _SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z = (
     np.array([JOINT_INDEX[f"{side}_shoulder_{axis}"] for side in ("right", "left")]) for axis in "yxz"
@@ -34,25 +34,25 @@ _SIDE = np.array([1.0, -1.0])
 _PER_DEGREE = 180.0 / np.pi
 
 
-def within_limits(joint_angles_rad: FloatArray) -> BoolArray:
+def shoulders_within_limits(joint_angles_rad: FloatArray) -> BoolArray:
     """Returns a boolean mask (...) of poses (..., 20) in which both shoulders are within their limits."""
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     possible = (
-        _lies_in(abduction, ABDUCTION_RAD)
+        _lies_in(abduction, ABDUCTION_RANGE_RAD)
         & _lies_in(flexion, flexion_range_rad(abduction))
         & _lies_in(rotation, rotation_range_rad(abduction, flexion))
     )
     return possible[..., 0] & possible[..., 1]
 
 
-def clip(joint_angles_rad: FloatArray) -> FloatArray:
+def clip_shoulders(joint_angles_rad: FloatArray) -> FloatArray:
     """Returns poses (..., 20) with both shoulders clipped to their limits.
 
     Abduction is clipped first, then flexion for this abduction, then rotation for both. Other joints do not change.
     """
     abduction, flexion, rotation = _shoulders(joint_angles_rad)
     xp = namespace(abduction)
-    abduction = xp.clip(abduction, *ABDUCTION_RAD)
+    abduction = xp.clip(abduction, *ABDUCTION_RANGE_RAD)
     flexion = xp.clip(flexion, *flexion_range_rad(abduction))
     rotation = xp.clip(rotation, *rotation_range_rad(abduction, flexion))
     clipped, side = float_copy(joint_angles_rad), constant_like(_SIDE, abduction)
@@ -73,7 +73,7 @@ def rotation_range_rad(abduction_rad: FloatArray, flexion_rad: FloatArray) -> tu
     product = _PER_DEGREE * a * f / 810.0
     internal = -90.0 * RAD_PER_DEGREE + 7.0 * a / 9.0 - f / 9.0 + 2.0 * product
     external = 60.0 * RAD_PER_DEGREE + 4.0 * a / 9.0 - 5.0 * f / 9.0 + 5.0 * product
-    lower, upper = float(LOWER_RAD[_SHOULDER_Z[0]]), float(UPPER_RAD[_SHOULDER_Z[0]])
+    lower, upper = float(LOWER_LIMITS_RAD[_SHOULDER_Z[0]]), float(UPPER_LIMITS_RAD[_SHOULDER_Z[0]])
     xp = namespace(internal)
     return xp.maximum(internal, lower), xp.minimum(external, upper)
 
@@ -84,7 +84,7 @@ def _shoulders(joint_angles_rad: FloatArray) -> tuple[FloatArray, FloatArray, Fl
     Rotation about y lifts the right arm outwards and the left arm inwards. Rotation about x moves both backwards.
     Rotation about z moves the right hand inwards and the left hand outwards.
     """
-    _, angles = as_floats(joint_angles_rad)
+    _, angles = namespace_and_floats(joint_angles_rad)
     y, x, z = (
         angles[..., constant_like(joints, angles)] for joints in (_SHOULDER_Y, _SHOULDER_X, _SHOULDER_Z)
     )

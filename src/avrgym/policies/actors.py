@@ -33,12 +33,12 @@ class Actor:
 
         ``image`` is as in ``mean``.
         """
-        return self._policy.with_noise(self.mean(observations, image), generators)
+        return self._policy.add_noise(self.mean_actions(observations, image), generators)
 
-    def mean(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
+    def mean_actions(self, observations: FloatArray, image: FloatArray | None = None) -> FloatArray:
         """Returns mean actions (N, A) for observations (N, O), and updates the memory. Call it once per control step.
 
-        A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.network_input``.
+        A policy with vision also needs the ``image`` (N, H, W, C), from ``networks.vision.vision_input``.
 
         Raises:
             PolicyError: for observations of a wrong shape. The memory is then unchanged.
@@ -48,7 +48,7 @@ class Actor:
                 f"there are {len(observations)} observations for {len(self._memory)} worlds; allowed: one observation "
                 "for each world"
             )
-        means, self._memory = self._policy.step(observations, self._memory, image)
+        means, self._memory = self._policy.forward(observations, self._memory, image)
         return means
 
 
@@ -66,7 +66,7 @@ class DeviceActor:
         self._weights = [to_device_of(weight, example_array) for weight in policy.weights]
         self._biases = [to_device_of(bias, example_array) for bias in policy.biases]
 
-    def mean(self, observations: Any) -> Any:
+    def mean_actions(self, observations: Any) -> Any:
         """Returns mean actions (N, A) for observations (N, O)."""
         xp = namespace(observations)
         rows = xp.clip((observations - self._mean) / self._deviation, -self._clip, self._clip)

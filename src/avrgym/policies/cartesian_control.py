@@ -4,13 +4,13 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.kinematics import action_jacobian, chain_of
+from avrgym.geometry.kinematics import action_jacobian, extract_chain
 from avrgym.models import robot
 from avrgym.simulation.worlds import Simulation
 
-SPEED_LIMIT_M_S = 0.25
-TURN_LIMIT_RAD_S = 0.8
-DAMPING = 0.05
+HAND_SPEED_LIMIT_M_S = 0.25
+HAND_ANGULAR_SPEED_LIMIT_RAD_S = 0.8
+LEAST_SQUARES_DAMPING = 0.05
 """Damping factor of damped least squares (Wampler, IEEE Trans. Syst. Man Cybern. 16, 1986). It reduces joint speeds
 near singularities."""
 
@@ -23,7 +23,7 @@ class CartesianController:
         scene = simulation.scene
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
-        self.chain = chain_of(simulation.model, joints, *ends)
+        self.chain = extract_chain(simulation.model, joints, *ends)
         self._simulation, self._speed_limit = simulation, scene.speed_limit
         self._drives = scene.robot.drive is not None
 
@@ -32,22 +32,26 @@ class CartesianController:
         and hand.
 
         Args:
-            linear: (3,) velocity of the hand's origin as a share of ``SPEED_LIMIT_M_S``, world frame; clipped to
+            linear: (3,) velocity of the hand's origin as a share of ``HAND_SPEED_LIMIT_M_S``, world frame; clipped to
                 length 1.
-            angular: (3,) angular velocity as a share of ``TURN_LIMIT_RAD_S``, world frame; clipped to length 1.
+            angular: (3,) angular velocity as a share of ``HAND_ANGULAR_SPEED_LIMIT_RAD_S``, world frame; clipped to
+                length 1.
         """
         q_wb = self._simulation.base_pose()[1][0]
-        velocity_w = _shortened(linear) * SPEED_LIMIT_M_S, _shortened(angular) * TURN_LIMIT_RAD_S
+        velocity_w = (
+            _shortened(linear) * HAND_SPEED_LIMIT_M_S,
+            _shortened(angular) * HAND_ANGULAR_SPEED_LIMIT_RAD_S,
+        )
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
         positions = self._simulation.joint_positions()[:1]
         j = action_jacobian(self.chain, positions, drives=self._drives)[0]
-        damped = np.asarray(j @ j.T + DAMPING**2 * np.eye(6), float)
+        damped = np.asarray(j @ j.T + LEAST_SQUARES_DAMPING**2 * np.eye(6), float)
         speeds = np.asarray(j.T @ np.linalg.solve(damped, velocity_b), float)
         shares, reached = speeds / self._speed_limit, np.asarray(j @ speeds, float)
         excess = (
             np.abs(shares).max(),
-            np.linalg.norm(reached[:3]) / SPEED_LIMIT_M_S,
-            np.linalg.norm(reached[3:]) / TURN_LIMIT_RAD_S,
+            np.linalg.norm(reached[:3]) / HAND_SPEED_LIMIT_M_S,
+            np.linalg.norm(reached[3:]) / HAND_ANGULAR_SPEED_LIMIT_RAD_S,
         )
         return shares / max(1.0, *excess)
 

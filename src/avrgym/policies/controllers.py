@@ -21,7 +21,7 @@ from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
 
-MAX_ERROR_LENGTH = 160
+MAX_ERROR_CHARACTERS = 160
 """Maximum length of an exception's text in an error message, in characters."""
 
 
@@ -32,7 +32,7 @@ class Controller(Protocol):
     the entry ``state`` is the observation (O,), and each image has an entry such as ``wrist_rgb``.
 
     A controller may have an attribute ``takes_commands = True``. Then ``act`` also receives a dictionary. Its entry
-    ``command`` is the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
+    ``command`` is the participant's latest command, see ``safety.pacing.COMMAND_INPUT_ENTRIES``.
     """
 
     def reset(self, seed: int, environment: str) -> None:
@@ -107,14 +107,14 @@ def checked_action(act: Callable[[], ArrayLike], shape: tuple[int, ...]) -> Floa
     return np.clip(action, -1.0, 1.0)
 
 
-def close(controller: Controller) -> None:
+def close_controller(controller: Controller) -> None:
     """Call a controller's method ``close``, if it has one."""
     end = getattr(controller, "close", None)
     if end is not None:
         end()
 
 
-def find_python(name: str) -> ExternalController:
+def import_python_controller(name: str) -> ExternalController:
     """Import and return the controller ``module:attribute``.
 
     The attribute is a controller, a class or function that creates a controller, or a function that maps an observation
@@ -136,7 +136,7 @@ def find_python(name: str) -> ExternalController:
     return _external(name, found, plugin_of_controller(name))
 
 
-def python_file(name: str) -> Path | None:
+def python_controller_file(name: str) -> Path | None:
     """Returns the file of the module in ``module:attribute``; ``None`` without a file. The module is not imported."""
     _search_current_folder()
     try:
@@ -155,10 +155,10 @@ def _search_current_folder() -> None:
 
 def registered_controllers() -> dict[str, EntryPoint]:
     """Returns the controllers that other packages register, by name. They are not imported."""
-    return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLERS)}
+    return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLER_GROUP)}
 
 
-def find_registered(name: str) -> ExternalController:
+def import_registered_controller(name: str) -> ExternalController:
     """Import and return a registered controller. Raises ``PolicyError`` if it cannot be imported or created."""
     entry = registered_controllers()[name]
     try:
@@ -170,19 +170,19 @@ def find_registered(name: str) -> ExternalController:
     return _external(name, found, plugin_of_entry_point("controller", name, entry))
 
 
-def used_plugin(name: str) -> UsedPlugin | None:
+def controller_plugin(name: str) -> UsedPlugin | None:
     """Returns the plug-in of a registered controller or of ``module:attribute``; ``None`` for other names."""
     if name in registered_controllers():
         return plugin_of_entry_point("controller", name, registered_controllers()[name])
     return plugin_of_controller(name) if ":" in name else None
 
 
-def broken_controllers() -> list[str]:
+def controller_import_errors() -> list[str]:
     """Import all registered controllers. Returns an error message for each that cannot be imported or created."""
     reasons: list[str] = []
     for name in registered_controllers():
         try:
-            find_registered(name)
+            import_registered_controller(name)
         except PolicyError as error:
             reasons.append(str(error))
     return reasons
@@ -237,7 +237,7 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
         return controller
 
     first = make()
-    close(first)
+    close_controller(first)
     cameras, commands = getattr(first, "cameras", ()), bool(getattr(first, "takes_commands", False))
     return ExternalController(name, make, plugin, tuple(cameras), commands)
 
@@ -252,4 +252,4 @@ def controller_error(error: BaseException) -> ControllerError:
 def _error_text(error: BaseException) -> str:
     """Returns an exception's type and message in one line of printable characters."""
     line = " ".join(f"{type(error).__name__}: {error}".split())
-    return "".join(character if character.isprintable() else "?" for character in line)[:MAX_ERROR_LENGTH]
+    return "".join(character if character.isprintable() else "?" for character in line)[:MAX_ERROR_CHARACTERS]

@@ -12,7 +12,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models.cameras import COMMAND_ENTRY, STATE_ENTRY
 from avrgym.policies.controllers import ExternalController
 from avrgym.policies.trained import Policy, PolicyError
-from avrgym.safety.pacing import COMMAND_INPUT
+from avrgym.safety.pacing import COMMAND_INPUT_ENTRIES
 from avrgym.system.files import write_atomically
 
 if TYPE_CHECKING:
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 ONNX_SUFFIX = ".onnx"
 OPSET, IR_VERSION = 17, 8
 """ONNX versions of the exported files. Programs of 2022 support them."""
-DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
+ONNX_DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
     """A feed-forward network. Its input is the observation without normalisation; its output is the action.
 
-    A second input ``command`` receives the participant's latest command, see ``safety.pacing.COMMAND_INPUT``.
+    A second input ``command`` receives the participant's latest command, see ``safety.pacing.COMMAND_INPUT_ENTRIES``.
     """
 
     def __init__(self, session: Any) -> None:
-        """Use an ``onnxruntime.InferenceSession`` that ``find_onnx`` has checked."""
+        """Use an ``onnxruntime.InferenceSession`` that ``load_onnx_controller`` has checked."""
         self._session = session
         self._inputs = {
             COMMAND_ENTRY if tensor.name == COMMAND_ENTRY else STATE_ENTRY: (
                 tensor.name,
-                DTYPES[tensor.type],
+                ONNX_DTYPES[tensor.type],
                 len(tensor.shape) == 2,
             )
             for tensor in session.get_inputs()
@@ -56,7 +56,7 @@ class OnnxController:
         return action[0] if self._inputs[STATE_ENTRY][2] else action
 
 
-def find_onnx(
+def load_onnx_controller(
     path: str | os.PathLike[str], environment_id: str, observation_size: int, action_size: int
 ) -> ExternalController:
     """Load a network file. Returns it as a controller for an environment with the given observation and action size.
@@ -82,7 +82,7 @@ def find_onnx(
     for kind, tensors, size in (
         ("input", [tensor for tensor in inputs if tensor not in commands], observation_size),
         ("output", list(session.get_outputs()), action_size),
-        *([(COMMAND_ENTRY, commands, len(COMMAND_INPUT))] if commands else []),
+        *([(COMMAND_ENTRY, commands, len(COMMAND_INPUT_ENTRIES))] if commands else []),
     ):
         _check(path, environment_id, kind, tensors, size)
     return ExternalController(os.fspath(path), lambda: OnnxController(session), takes_commands=bool(commands))
@@ -92,7 +92,7 @@ def _check(
     path: str | os.PathLike[str], environment_id: str, kind: str, tensors: list[Any], size: int
 ) -> None:
     """Raise ``PolicyError`` if ``tensors`` is not one tensor of shape (size,), (1, size) or (any, size)."""
-    if len(tensors) == 1 and tensors[0].type in DTYPES and _fits(tensors[0].shape, size):
+    if len(tensors) == 1 and tensors[0].type in ONNX_DTYPES and _fits(tensors[0].shape, size):
         return
     found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)
     raise PolicyError(

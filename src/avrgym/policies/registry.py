@@ -14,28 +14,28 @@ from avrgym.models.cameras import (
     AnyCamera,
     AnyObservation,
     CameraSpec,
-    as_cameras,
+    parse_cameras,
 )
-from avrgym.networks.vision import network_input
+from avrgym.networks.vision import vision_input
 from avrgym.policies import controllers, lerobot
 from avrgym.policies.actors import Actor
 from avrgym.policies.controllers import ExternalController
-from avrgym.policies.names import FILE_FORMS, OPERATOR, PREFERRED_POLICIES, SCRIPTS
-from avrgym.policies.onnx import ONNX_SUFFIX, find_onnx
+from avrgym.policies.names import DEFAULT_POLICIES, OPERATOR_POLICY, POLICY_FILE_FORMS, SCRIPTED_POLICIES
+from avrgym.policies.onnx import ONNX_SUFFIX, load_onnx_controller
 from avrgym.policies.trained import Policy, PolicyError, load_policy, packaged_policies
 from avrgym.robots.registry import SKIPPED_PLUGINS as BROKEN_ROBOTS
 from avrgym.system.used_plugins import UsedPlugin, differences
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import SKIPPED_PLUGINS as BROKEN_TASKS
 from avrgym.tasks.registry import instruction, observation_and_action_size, plugins_of, task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings, as_settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings, settings_from_values
 
 ActionFunction = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Script:
-    """A scripted policy, without a network: one of ``SCRIPTS``."""
+class ScriptedPolicy:
+    """A scripted policy, without a network: one of ``SCRIPTED_POLICIES``."""
 
     name: str
 
@@ -45,34 +45,34 @@ class HumanOperator:
     """The policy ``operator``: the experimenter controls the robot's hand (teleoperation)."""
 
 
-RobotPolicy = Policy | Script | ExternalController
+RobotPolicy = Policy | ScriptedPolicy | ExternalController
 AnyPolicy = RobotPolicy | HumanOperator
 
 
-def named_policies(environment_id: str) -> list[str]:
+def policy_names(environment_id: str) -> list[str]:
     """Returns the names of an environment's policies: packaged, scripted, and registered controllers."""
-    return [*packaged_policies(environment_id), *SCRIPTS, *controllers.registered_controllers()]
+    return [*packaged_policies(environment_id), *SCRIPTED_POLICIES, *controllers.registered_controllers()]
 
 
-def preferred_policy(environment_id: str) -> str:
-    """Returns the first name of ``PREFERRED_POLICIES`` that is a policy of the environment."""
-    names = named_policies(environment_id)
-    return next(name for name in PREFERRED_POLICIES if name in names)
+def default_policy(environment_id: str) -> str:
+    """Returns the first name of ``DEFAULT_POLICIES`` that is a policy of the environment."""
+    names = policy_names(environment_id)
+    return next(name for name in DEFAULT_POLICIES if name in names)
 
 
-def skipped_plugins() -> list[str]:
+def skipped_plugin_errors() -> list[str]:
     """Returns an error message for each plug-in (robot, task, controller) that cannot be used.
 
     Imports all controllers.
     """
-    records = [f"{broken.name}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
-    return [*records, *controllers.broken_controllers()]
+    records = [f"{broken.entry_point}: {broken.reason}" for broken in (*BROKEN_ROBOTS, *BROKEN_TASKS)]
+    return [*records, *controllers.controller_import_errors()]
 
 
-def find(
+def resolve_policy(
     name: str,
     environment_id: str,
-    settings: Settings = DEFAULTS,
+    settings: Settings = DEFAULT_SETTINGS,
     *,
     allow_other_environment: bool = False,
     allow_other_settings: bool = False,
@@ -92,11 +92,11 @@ def find(
             or was trained for another environment, other settings or other sizes.
     """
     observation_size, action_size = observation_and_action_size(environment_id)
-    if name in SCRIPTS:
-        return Script(name)
+    if name in SCRIPTED_POLICIES:
+        return ScriptedPolicy(name)
     if name in packaged_policies(environment_id) or Path(name).is_file():
         if name.endswith(ONNX_SUFFIX):
-            return find_onnx(name, environment_id, observation_size, action_size)
+            return load_onnx_controller(name, environment_id, observation_size, action_size)
         policy = load_policy(
             name,
             environment_id,
@@ -117,20 +117,24 @@ def find(
         return controller
     if name in controllers.registered_controllers() or ":" in name:
         registered = name in controllers.registered_controllers()
-        controller = controllers.find_registered(name) if registered else controllers.find_python(name)
+        controller = (
+            controllers.import_registered_controller(name)
+            if registered
+            else controllers.import_python_controller(name)
+        )
         cameras_of(controller, environment_id)
         return controller
-    if name == OPERATOR:
+    if name == OPERATOR_POLICY:
         raise PolicyError(
-            f"the policy {OPERATOR} needs an experimenter at the robot's controls; allowed in `avrgym view`, "
+            f"the policy {OPERATOR_POLICY} needs an experimenter at the robot's controls; allowed in `avrgym view`, "
             "`avrgym serve` and studies"
         )
-    allowed = ", ".join([*named_policies(environment_id), FILE_FORMS])
+    allowed = ", ".join([*policy_names(environment_id), POLICY_FILE_FORMS])
     raise PolicyError(f"no policy {name!r} for {environment_id}; allowed: {allowed}")
 
 
 def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
-    trained_with = as_settings(policy.metadata.settings)
+    trained_with = settings_from_values(policy.metadata.settings)
     if trained_with != settings:
         raise PolicyError(
             f"{name}: trained with {trained_with}, not with {settings}; to use it anyway, add --allow-other-settings, "
@@ -138,16 +142,20 @@ def _check_settings(policy: Policy, name: str, settings: Settings) -> None:
         )
 
 
-def find_for_session(
-    name: str, environment_id: str, settings: Settings = DEFAULTS, *, allow_other_settings: bool = False
+def resolve_session_policy(
+    name: str,
+    environment_id: str,
+    settings: Settings = DEFAULT_SETTINGS,
+    *,
+    allow_other_settings: bool = False,
 ) -> AnyPolicy:
-    """Load and return a policy like ``find``, or ``HumanOperator`` for the name ``operator``.
+    """Load and return a policy like ``resolve_policy``, or ``HumanOperator`` for the name ``operator``.
 
     The process of a LeRobot policy is started, to prevent a delay in the first trial.
     """
-    if name == OPERATOR:
+    if name == OPERATOR_POLICY:
         return HumanOperator()
-    policy = find(name, environment_id, settings, allow_other_settings=allow_other_settings)
+    policy = resolve_policy(name, environment_id, settings, allow_other_settings=allow_other_settings)
     if isinstance(policy, ExternalController):
         policy.prepare()
     return policy
@@ -155,7 +163,9 @@ def find_for_session(
 
 def used_controller(name: str) -> UsedPlugin | None:
     """Returns the installed version of a controller by the policy's name; ``None`` for policies of AVR Gym."""
-    return lerobot.plugin_of_lerobot(name) if lerobot.is_lerobot(name) else controllers.used_plugin(name)
+    return (
+        lerobot.plugin_of_lerobot(name) if lerobot.is_lerobot(name) else controllers.controller_plugin(name)
+    )
 
 
 def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ...]:
@@ -164,7 +174,7 @@ def plugins_used(environment_id: str, policy: AnyPolicy) -> tuple[UsedPlugin, ..
     return plugins_of(environment_id) + (() if controller is None else (controller,))
 
 
-def changed_since_training(policy: RobotPolicy, environment_id: str) -> list[str]:
+def plugin_changes_since_training(policy: RobotPolicy, environment_id: str) -> list[str]:
     """Returns descriptions of the environment's plug-ins that changed since the policy's training.
 
     If the policy was trained in another environment, only plug-ins that both environments use are compared.
@@ -197,7 +207,7 @@ def open_policy(
     instances = [policy.make() for _ in generators]
     try:
         for controller, generator in zip(instances, generators, strict=True):
-            controllers.reset(controller, controller_seed(generator), world.environment_id)
+            controllers.reset(controller, draw_controller_seed(generator), world.environment_id)
         yield lambda observations: np.stack(
             [
                 controllers.act(*pair, world.action_size)
@@ -206,11 +216,11 @@ def open_policy(
         )
     finally:
         for controller in instances:
-            controllers.close(controller)
+            controllers.close_controller(controller)
 
 
 def action_function(
-    policy: Policy | Script, world: Episodes, generators: Sequence[np.random.Generator]
+    policy: Policy | ScriptedPolicy, world: Episodes, generators: Sequence[np.random.Generator]
 ) -> ActionFunction:
     """Returns a function that maps observations (N, O) to actions (N, A), for one episode of each world.
 
@@ -239,12 +249,12 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
     else:
         wanted = (policy.metadata.camera,) if isinstance(policy, Policy) and policy.metadata.camera else ()
     try:
-        return as_cameras(wanted, task_and_scene(environment_id)[1].robot) if wanted else ()
+        return parse_cameras(wanted, task_and_scene(environment_id)[1].robot) if wanted else ()
     except ValueError as error:
         raise PolicyError(f"the policy cannot be used in {environment_id}: {error}") from error
 
 
-def render_once(policy: AnyPolicy, world: Episodes) -> None:
+def warm_up_renderer(policy: AnyPolicy, world: Episodes) -> None:
     """Render one image if the policy has cameras. The first rendering compiles the appearance, which takes long.
 
     Without this call, the first action of the policy would be late.
@@ -272,7 +282,7 @@ def controller_observations(
         return [*observations]
     images = world.images(cameras) if cameras else {}
     if policy.takes_commands:
-        images = {**images, COMMAND_ENTRY: world.loop.command_input()}
+        images = {**images, COMMAND_ENTRY: world.control_loop.command_input()}
     return [
         {STATE_ENTRY: row, **{name: image[number] for name, image in images.items()}}
         for number, row in enumerate(observations)
@@ -285,9 +295,9 @@ def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray
         return None
     (camera,) = cameras
     images = world.images(cameras)
-    return network_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds})
+    return vision_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds})
 
 
-def controller_seed(generator: np.random.Generator) -> int:
+def draw_controller_seed(generator: np.random.Generator) -> int:
     """Draw a controller's seed for an episode from the episode's ``generator``, and return it."""
     return int(generator.integers(2**31))

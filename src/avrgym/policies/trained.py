@@ -4,31 +4,31 @@ import os
 import re
 from pathlib import Path
 
-from avrgym.models.cameras import camera_from_text
-from avrgym.networks.policy import FILE_SUFFIX, Policy, PolicyError, PolicyMetadata
+from avrgym.models.cameras import parse_camera
+from avrgym.networks.policy import POLICY_FILE_SUFFIX, Policy, PolicyError, PolicyMetadata
 
 __all__ = [
-    "FILE_SUFFIX",
-    "PACKAGED_FOLDER",
+    "PACKAGED_POLICY_FOLDER",
+    "POLICY_FILE_SUFFIX",
     "Policy",
     "PolicyError",
     "PolicyMetadata",
-    "find_policy",
     "load_policy",
     "packaged_policies",
+    "policy_path",
 ]
 
-PACKAGED_FOLDER = Path(__file__).parents[1] / "assets" / "policies"
+PACKAGED_POLICY_FOLDER = Path(__file__).parents[1] / "assets" / "policies"
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
     """Returns the files of an environment's packaged policies, by name."""
     scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
-    files = sorted(PACKAGED_FOLDER.glob(f"{scene}-*.safetensors"))
+    files = sorted(PACKAGED_POLICY_FOLDER.glob(f"{scene}-*.safetensors"))
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}
 
 
-def find_policy(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
+def policy_path(name_or_path: str | os.PathLike[str], environment_id: str) -> Path:
     """Returns the file of a packaged policy, given its name (such as ``original``), or the given path.
 
     Raises:
@@ -60,7 +60,7 @@ def load_policy(
         PolicyError: for an unknown name, a damaged file, wrong sizes, or the policy of a trained human. Also for a
             policy of another environment, unless ``allow_other_environment`` is true.
     """
-    path = find_policy(name_or_path, environment_id)
+    path = policy_path(name_or_path, environment_id)
     policy = Policy.load(path)
     if policy.metadata.human is not None:
         raise PolicyError(f"{path} is the policy of a trained human, not of a robot; use it with --people")
@@ -84,8 +84,8 @@ def _check_vision(policy: Policy, path: Path) -> None:
     """Raise ``PolicyError`` if the policy's vision does not match the images of its camera."""
     assert policy.vision is not None
     try:
-        camera = camera_from_text(policy.metadata.camera)
+        camera = parse_camera(policy.metadata.camera)
         channels = sum(3 if kind == "rgb" else 1 for kind in camera.kinds)
-        policy.vision.check(policy.observation_size, (camera.height_px, camera.width_px, channels))
+        policy.vision.check_shapes(policy.observation_size, (camera.height_px, camera.width_px, channels))
     except ValueError as error:
         raise PolicyError(f"{path}: {error}") from error

@@ -28,7 +28,7 @@ CSQ_VR = Instrument(
         "(CSQ-VR), doi:10.3390/virtualworlds2010002"
     ),
     licence="CC BY 4.0, as its article",
-    response=ResponseScale(points=7, lowest=1),
+    response_scale=ResponseScale(points=7, lowest_value=1),
     items=_CSQ_ITEMS,
     scales=(
         Scale("nausea", ("csq_nausea", "csq_dizziness"), "sum"),

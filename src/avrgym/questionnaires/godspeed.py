@@ -41,7 +41,7 @@ GODSPEED = Instrument(
         "likeability, perceived intelligence, and perceived safety of robots, doi:10.1007/s12369-008-0001-3"
     ),
     licence="pairs of adjectives, which have no copyright; AVR Gym wrote the questions",
-    response=ResponseScale(points=5, lowest=1),
+    response_scale=ResponseScale(points=5, lowest_value=1),
     items=tuple(_between(scale, *pair) for scale, pairs in WORD_PAIRS.items() for pair in pairs),
     scales=tuple(
         Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))

@@ -18,27 +18,27 @@ class ResponseScale(NamedTuple):
     """
 
     points: int
-    lowest: int
+    lowest_value: int
     step: int = 1
 
     @property
-    def highest(self) -> int:
+    def highest_value(self) -> int:
         """The highest value of the scale."""
         return self.scale_value(self.points)
 
     @property
-    def middle(self) -> float:
+    def middle_value(self) -> float:
         """The mean of the lowest and the highest value."""
-        return (self.lowest + self.highest) / 2
+        return (self.lowest_value + self.highest_value) / 2
 
     @property
     def values(self) -> range:
         """The values of all options, in ascending order."""
-        return range(self.lowest, self.highest + self.step, self.step)
+        return range(self.lowest_value, self.highest_value + self.step, self.step)
 
     def scale_value(self, value: int) -> int:
         """Returns the value of a stored answer on this scale. ``value``: number of the option, from 1."""
-        return self.lowest + (value - 1) * self.step
+        return self.lowest_value + (value - 1) * self.step
 
 
 class InstrumentItem(NamedTuple):
@@ -51,8 +51,8 @@ class InstrumentItem(NamedTuple):
 
     id: str
     text: str = ""
-    low: str = ""
-    high: str = ""
+    low_label: str = ""
+    high_label: str = ""
     labels: tuple[str, ...] = ()
 
 
@@ -65,10 +65,10 @@ class Scale(NamedTuple):
 
     name: str
     items: tuple[str, ...]
-    of: Literal["mean", "sum"] = "mean"
+    function: Literal["mean", "sum"] = "mean"
     factor: float = 1.0
-    reversed: tuple[str, ...] = ()
-    offset: int = 0
+    reversed_items: tuple[str, ...] = ()
+    item_offset: int = 0
 
 
 class Weighting(NamedTuple):
@@ -79,11 +79,11 @@ class Weighting(NamedTuple):
     from 0 to ``max_weight``. ``total``: sum of all weights.
     """
 
-    scale: str
-    instrument: str
-    items: Mapping[str, str]
+    scale_name: str
+    weights_instrument: str
+    item_by_weight: Mapping[str, str]
     max_weight: int
-    total: int
+    weight_sum: int
 
 
 class Instrument(NamedTuple):
@@ -98,34 +98,37 @@ class Instrument(NamedTuple):
     title: str
     source: str
     licence: str
-    response: ResponseScale
+    response_scale: ResponseScale
     items: tuple[InstrumentItem, ...]
     scales: tuple[Scale, ...]
-    missing: Literal["no score", "centre"] = "no score"
+    missing_answer_rule: Literal["no score", "centre"] = "no score"
     weighting: Weighting | None = None
-    texts: str = ""
+    texts_source: str = ""
 
     @property
     def scale_names(self) -> list[str]:
         """The names of all scales, including the weighted score."""
-        return [scale.name for scale in self.scales] + ([self.weighting.scale] if self.weighting else [])
+        return [scale.name for scale in self.scales] + ([self.weighting.scale_name] if self.weighting else [])
 
     def items_of(self, scale: str) -> tuple[str, ...]:
         """Returns the item ids of a scale, without duplicates."""
-        if self.weighting is not None and scale == self.weighting.scale:
-            return tuple(self.weighting.items.values())
+        if self.weighting is not None and scale == self.weighting.scale_name:
+            return tuple(self.weighting.item_by_weight.values())
         return tuple(dict.fromkeys(self._scale(scale).items))
 
-    def range_of(self, scale: str) -> tuple[float, float]:
+    def score_range(self, scale: str) -> tuple[float, float]:
         """Returns the lowest and the highest possible score of a scale."""
-        response = self.response
-        if self.weighting is not None and scale == self.weighting.scale:
-            return float(response.lowest), float(response.highest)
+        response = self.response_scale
+        if self.weighting is not None and scale == self.weighting.scale_name:
+            return float(response.lowest_value), float(response.highest_value)
         found = self._scale(scale)
-        ends = (_combine(found, [end] * len(found.items)) for end in (response.lowest, response.highest))
+        ends = (
+            _combine(found, [end] * len(found.items))
+            for end in (response.lowest_value, response.highest_value)
+        )
         return next(ends), next(ends)
 
-    def score(
+    def compute_scores(
         self, answers: Mapping[str, int], weights: Mapping[str, int] | None = None
     ) -> dict[str, float | None]:
         """Returns the score of each scale, by scale name; ``None`` if required answers are missing.
@@ -140,7 +143,7 @@ class Instrument(NamedTuple):
         counts = {item: self._count(item, value) for item, value in answers.items()}
         scores = {scale.name: self._score(scale, counts) for scale in self.scales}
         if self.weighting is not None:
-            scores[self.weighting.scale] = _weighted(self.weighting, counts, weights)
+            scores[self.weighting.scale_name] = _weighted(self.weighting, counts, weights)
         return scores
 
     def _scale(self, name: str) -> Scale:
@@ -149,40 +152,40 @@ class Instrument(NamedTuple):
     def _count(self, item: str, value: int) -> float:
         if item not in (own := [each.id for each in self.items]):
             raise ValueError(f"{self.name} has no item {item!r}; allowed: {', '.join(own)}")
-        if not 1 <= value <= self.response.points:
+        if not 1 <= value <= self.response_scale.points:
             raise ValueError(
-                f"{value} is not an answer to {item}; allowed: integers from 1 to {self.response.points}"
+                f"{value} is not an answer to {item}; allowed: integers from 1 to {self.response_scale.points}"
             )
-        return self.response.scale_value(value)
+        return self.response_scale.scale_value(value)
 
     def _score(self, scale: Scale, counts: Mapping[str, float]) -> float | None:
-        ends = self.response.lowest + self.response.highest
-        if self.missing == "centre" and counts:
-            counts = {item: self.response.middle for item in scale.items} | dict(counts)
+        ends = self.response_scale.lowest_value + self.response_scale.highest_value
+        if self.missing_answer_rule == "centre" and counts:
+            counts = {item: self.response_scale.middle_value for item in scale.items} | dict(counts)
         if not all(item in counts for item in scale.items):
             return None
         return _combine(
             scale,
-            [ends - counts[item] if item in scale.reversed else counts[item] for item in scale.items],
+            [ends - counts[item] if item in scale.reversed_items else counts[item] for item in scale.items],
         )
 
 
 def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
     """Raises ``ValueError`` if a weight is missing, unknown or out of range, or if the sum of weights is wrong."""
-    names = ", ".join(weighting.items)
-    if set(weights) != set(weighting.items):
+    names = ", ".join(weighting.item_by_weight)
+    if set(weights) != set(weighting.item_by_weight):
         given = ", ".join(weights) or "no item"
         raise ValueError(f"weights are given for {given}; allowed: one weight for each of {names}")
     if not all(0 <= weight <= weighting.max_weight for weight in weights.values()):
         raise ValueError(f"a weight is out of range; allowed: integers from 0 to {weighting.max_weight}")
     total = sum(weights.values())
-    if total != weighting.total:
-        raise ValueError(f"the sum of the weights is {total}; allowed: {weighting.total}")
+    if total != weighting.weight_sum:
+        raise ValueError(f"the sum of the weights is {total}; allowed: {weighting.weight_sum}")
 
 
 def _combine(scale: Scale, counts: Sequence[float]) -> float:
-    moved = [count + scale.offset for count in counts]
-    return round(scale.factor * (fmean(moved) if scale.of == "mean" else sum(moved)), SCORE_DECIMALS)
+    moved = [count + scale.item_offset for count in counts]
+    return round(scale.factor * (fmean(moved) if scale.function == "mean" else sum(moved)), SCORE_DECIMALS)
 
 
 def _weighted(
@@ -191,7 +194,7 @@ def _weighted(
     if weights is None:
         return None
     check_weights(weighting, weights)
-    if not all(item in counts for item in weighting.items.values()):
+    if not all(item in counts for item in weighting.item_by_weight.values()):
         return None
-    total = sum(weights[name] * counts[item] for name, item in weighting.items.items())
-    return round(total / weighting.total, SCORE_DECIMALS)
+    total = sum(weights[name] * counts[item] for name, item in weighting.item_by_weight.items())
+    return round(total / weighting.weight_sum, SCORE_DECIMALS)

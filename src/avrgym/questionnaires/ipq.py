@@ -16,16 +16,16 @@ IPQ = Instrument(
         "doi:10.1162/105474601300343603"
     ),
     licence="the source states none; AVR Gym does not include the item texts",
-    texts="https://www.igroup.org/pq/ipq/",
-    response=ResponseScale(points=7, lowest=0),
+    texts_source="https://www.igroup.org/pq/ipq/",
+    response_scale=ResponseScale(points=7, lowest_value=0),
     items=tuple(
         InstrumentItem(item)
         for item in ("ipq_g1", *SPATIAL_PRESENCE_ITEMS, *INVOLVEMENT_ITEMS, *REALISM_ITEMS)
     ),
     scales=(
         Scale("general", ("ipq_g1",)),
-        Scale("spatial", SPATIAL_PRESENCE_ITEMS, reversed=REVERSED_ITEMS),
-        Scale("involvement", INVOLVEMENT_ITEMS, reversed=REVERSED_ITEMS),
-        Scale("realism", REALISM_ITEMS, reversed=REVERSED_ITEMS),
+        Scale("spatial", SPATIAL_PRESENCE_ITEMS, reversed_items=REVERSED_ITEMS),
+        Scale("involvement", INVOLVEMENT_ITEMS, reversed_items=REVERSED_ITEMS),
+        Scale("realism", REALISM_ITEMS, reversed_items=REVERSED_ITEMS),
     ),
 )

@@ -12,8 +12,10 @@ JIAN_TRUST = Instrument(
         "systems, doi:10.1207/S15327566IJCE0401_04"
     ),
     licence="the publisher's; AVR Gym does not include the statements",
-    texts="the article, which numbers its twelve statements in this order",
-    response=ResponseScale(points=7, lowest=1),
-    items=tuple(InstrumentItem(item, low="not at all", high="extremely") for item in _TRUST_ITEMS),
-    scales=(Scale("trust", _TRUST_ITEMS, reversed=_TRUST_ITEMS[:5]),),
+    texts_source="the article, which numbers its twelve statements in this order",
+    response_scale=ResponseScale(points=7, lowest_value=1),
+    items=tuple(
+        InstrumentItem(item, low_label="not at all", high_label="extremely") for item in _TRUST_ITEMS
+    ),
+    scales=(Scale("trust", _TRUST_ITEMS, reversed_items=_TRUST_ITEMS[:5]),),
 )

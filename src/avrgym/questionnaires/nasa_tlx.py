@@ -45,7 +45,7 @@ def _weight(factor: str) -> Scale:
     """
     own = [pair for pair in FACTOR_PAIRS if factor in pair]
     as_first = [_pair_id(*pair) for pair in own if pair[0] == factor]
-    return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed=tuple(as_first))
+    return Scale(factor, tuple(_pair_id(*pair) for pair in own), "sum", reversed_items=tuple(as_first))
 
 
 NASA_TLX = Instrument(
@@ -53,7 +53,7 @@ NASA_TLX = Instrument(
     title="NASA Task Load Index",
     source=SOURCE,
     licence=LICENCE,
-    response=ResponseScale(points=21, lowest=0, step=5),
+    response_scale=ResponseScale(points=21, lowest_value=0, step=5),
     items=(
         _rating("mental", "How mentally demanding was the task?"),
         _rating("physical", "How physically demanding was the task?"),
@@ -72,11 +72,11 @@ NASA_TLX = Instrument(
         *(Scale(factor, (f"tlx_{factor}",)) for factor in FACTORS),
     ),
     weighting=Weighting(
-        scale="weighted",
-        instrument="nasa-tlx-weights",
-        items=MappingProxyType({factor: f"tlx_{factor}" for factor in FACTORS}),
+        scale_name="weighted",
+        weights_instrument="nasa-tlx-weights",
+        item_by_weight=MappingProxyType({factor: f"tlx_{factor}" for factor in FACTORS}),
         max_weight=5,
-        total=15,
+        weight_sum=15,
     ),
 )
 
@@ -85,7 +85,7 @@ NASA_TLX_WEIGHTS = Instrument(
     title="NASA Task Load Index, sources of workload",
     source=SOURCE,
     licence=LICENCE,
-    response=ResponseScale(points=2, lowest=0),
+    response_scale=ResponseScale(points=2, lowest_value=0),
     items=tuple(_pair(*pair) for pair in FACTOR_PAIRS),
     scales=tuple(_weight(factor) for factor in FACTORS),
 )

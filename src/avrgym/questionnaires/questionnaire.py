@@ -9,17 +9,17 @@ import msgspec
 from avrgym.questionnaires.instrument import Instrument, ResponseScale
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.system import random_streams
-from avrgym.texts.interface_texts import Texts
+from avrgym.texts.interface_texts import InterfaceTexts
 
-MOMENTS = ("before_session", "after_trial", "after_break", "after_session", "caregiver")
+QUESTION_MOMENTS = ("before_session", "after_trial", "after_break", "after_session", "caregiver")
 """Moments of questionnaires. ``caregiver``: a caregiver answers during or after a session."""
-SESSION_MOMENTS = ("before_session", "after_session")
+SESSION_QUESTION_MOMENTS = ("before_session", "after_session")
 """Moments of questions about a whole session."""
 FURTHER_MOMENTS = ("after_break", "caregiver")
 """Moments at which the same item may be answered several times."""
 ITEM_ORDERS = ("fixed", "random")
 """Orders of the items of a questionnaire."""
-MAX_POINTS = 101
+MAX_SCALE_POINTS = 101
 """Maximum number of different answers to an item."""
 
 
@@ -32,13 +32,13 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
     id: str
     text: Annotated[str, msgspec.Meta(min_length=1)]
-    points: Annotated[int, msgspec.Meta(ge=2, le=MAX_POINTS)]
+    points: Annotated[int, msgspec.Meta(ge=2, le=MAX_SCALE_POINTS)]
     low: str
     high: str
     labels: tuple[str, ...] = ()
 
 
-def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
+def translate_items(items: Sequence[Item], texts: InterfaceTexts) -> tuple[Item, ...]:
     """Returns the items in the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
@@ -55,8 +55,8 @@ def translate(items: Sequence[Item], texts: Texts) -> tuple[Item, ...]:
 class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A questionnaire of a study.
 
-    ``when``: one or more of ``MOMENTS``. ``order``: one of ``ITEM_ORDERS``. ``use``: name of a validated questionnaire
-    that defines items and scores. ``weights``: weights of its weighted score.
+    ``when``: one or more of ``QUESTION_MOMENTS``. ``order``: one of ``ITEM_ORDERS``. ``use``: name of a validated
+    questionnaire that defines items and scores. ``weights``: weights of its weighted score.
     """
 
     name: str
@@ -73,7 +73,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def moments(self) -> tuple[str, ...]:
-        """The moments at which the items are shown, of ``MOMENTS``."""
+        """The moments at which the items are shown, of ``QUESTION_MOMENTS``."""
         return (self.when,) if isinstance(self.when, str) else self.when
 
     def scale_of(self, item: Item) -> ResponseScale:
@@ -84,8 +84,8 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         answers are always numbered from 1.
         """
         if self.instrument is not None:
-            return self.instrument.response
-        return _numbered(item.labels) or ResponseScale(item.points, lowest=1)
+            return self.instrument.response_scale
+        return _numbered(item.labels) or ResponseScale(item.points, lowest_value=1)
 
     def describe_scale(self, item: Item) -> str:
         """Returns the response scale of an item as text, with its labels."""
@@ -95,7 +95,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 f"{value} ({label})" for value, label in zip(scale.values, item.labels, strict=True)
             )
         steps = f" in steps of {scale.step}" if scale.step != 1 else ""
-        return f"from {scale.lowest} ({item.low}) to {scale.highest} ({item.high}){steps}"
+        return f"from {scale.lowest_value} ({item.low}) to {scale.highest_value} ({item.high}){steps}"
 
 
 def _numbered(labels: Sequence[str]) -> ResponseScale | None:
@@ -123,7 +123,7 @@ LIKERT_ITEMS = (
 def items_at_moment(questionnaires: Iterable[Questionnaire], when: str, seed: int) -> tuple[Item, ...]:
     """Returns the items that are shown at a moment, in order.
 
-    ``when``: one of ``MOMENTS``. ``seed``: seed of random item orders.
+    ``when``: one of ``QUESTION_MOMENTS``. ``seed``: seed of random item orders.
     """
     rng = random_streams.item_order_generator(seed)
     ordered: list[Item] = []

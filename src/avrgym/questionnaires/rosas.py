@@ -16,7 +16,7 @@ ROSAS = Instrument(
         "doi:10.1145/2909824.3020208"
     ),
     licence="single adjectives, which have no copyright; AVR Gym wrote the question",
-    response=ResponseScale(points=9, lowest=1),
+    response_scale=ResponseScale(points=9, lowest_value=1),
     items=tuple(
         InstrumentItem(
             f"rosas_{word}",

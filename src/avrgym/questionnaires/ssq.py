@@ -2,7 +2,7 @@
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-SEVERITIES = ("none", "slight", "moderate", "severe")
+SEVERITY_LABELS = ("none", "slight", "moderate", "severe")
 
 SYMPTOMS = {
     "general_discomfort": "General discomfort",
@@ -49,9 +49,9 @@ SSQ = Instrument(
         "doi:10.1207/s15327108ijap0303_3"
     ),
     licence="names of symptoms and of their severity, which have no copyright",
-    response=ResponseScale(points=4, lowest=0),
+    response_scale=ResponseScale(points=4, lowest_value=0),
     items=tuple(
-        InstrumentItem(f"ssq_{name}", text, SEVERITIES[0], SEVERITIES[-1], SEVERITIES)
+        InstrumentItem(f"ssq_{name}", text, SEVERITY_LABELS[0], SEVERITY_LABELS[-1], SEVERITY_LABELS)
         for name, text in SYMPTOMS.items()
     ),
     scales=(

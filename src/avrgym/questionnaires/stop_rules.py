@@ -26,8 +26,8 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class StopDecision(NamedTuple):
     """Decision of a stop rule. ``then``: one of ``STOP_ACTIONS``. ``why``: reason as text for the experimenter."""
 
-    then: str
-    why: str
+    action: str
+    reason: str
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class StopRules:
         if not met:
             return None
         rule = max(met, key=lambda each: STOP_ACTIONS.index(each.then))
-        questionnaire, item = self.find(item_id)
+        questionnaire, item = self.find_item(item_id)
         answer = item.labels[value - 1] if item.labels else _value_text(questionnaire, item, value)
         return StopDecision(
             rule.then,
@@ -52,10 +52,10 @@ class StopRules:
 
     def value_range(self, item: str) -> tuple[float, float]:
         """Returns the lowest and the highest value that a stop rule for ``item`` can use."""
-        questionnaire, found = self.find(item)
+        questionnaire, found = self.find_item(item)
         return _count(questionnaire, 1), _count(questionnaire, found.points)
 
-    def find(self, item: str) -> tuple[Questionnaire, Item]:
+    def find_item(self, item: str) -> tuple[Questionnaire, Item]:
         """Returns the questionnaire of an item, and the item. Raises ``KeyError`` for an unknown item."""
         for questionnaire in self.questionnaires:
             for each in questionnaire.items:
@@ -64,7 +64,7 @@ class StopRules:
         raise KeyError(item)
 
     def _is_met(self, rule: StopRule, value: int) -> bool:
-        return _count(self.find(rule.item)[0], value) >= rule.at_least
+        return _count(self.find_item(rule.item)[0], value) >= rule.at_least
 
 
 def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:
@@ -73,4 +73,4 @@ def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:
 
 def _count(questionnaire: Questionnaire, value: int) -> float:
     instrument = questionnaire.instrument
-    return value if instrument is None else instrument.response.scale_value(value)
+    return value if instrument is None else instrument.response_scale.scale_value(value)

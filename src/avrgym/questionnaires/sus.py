@@ -21,11 +21,11 @@ SUS = Instrument(
     title="System Usability Scale",
     source="Brooke (1996), SUS: a 'quick and dirty' usability scale, in Usability Evaluation in Industry, 189-194",
     licence="free to use where reports acknowledge the source (Brooke 1996)",
-    response=ResponseScale(points=5, lowest=1),
+    response_scale=ResponseScale(points=5, lowest_value=1),
     items=tuple(
         InstrumentItem(item, text, "strongly disagree", "strongly agree")
         for item, text in zip(_SUS_ITEMS, _STATEMENTS, strict=True)
     ),
-    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed=_SUS_ITEMS[1::2], offset=-1),),
-    missing="centre",
+    scales=(Scale("usability", _SUS_ITEMS, "sum", 2.5, reversed_items=_SUS_ITEMS[1::2], item_offset=-1),),
+    missing_answer_rule="centre",
 )

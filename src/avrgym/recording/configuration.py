@@ -7,15 +7,15 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.preferences import TrialRules
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person, Sex
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.questionnaires.stop_rules import StopRule
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.schema import Pose
 from avrgym.system.used_plugins import UsedPlugin
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import EpisodeStart
 
 FORMAT_VERSION = 1
@@ -94,7 +94,7 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     stop_after_s: Annotated[float | None, Meta(description="Time from the request to the stop.")] = None
 
 
-class Configuration(msgspec.Struct, frozen=True, kw_only=True):
+class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
     """All parameters of a trial. With them, replay recomputes the trial without random numbers.
 
     Fields with a default are missing in recordings of AVR Gym 0.2.
@@ -142,12 +142,12 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
     ] = "participant"
     input_profile: Annotated[
         InputProfile, Meta(description="Input profile of the participant at the start of the trial.")
-    ] = CONTROLLERS
+    ] = DEFAULT_INPUT_PROFILE
     settings: Annotated[
         Settings, Meta(description="Settings of the environment that differ from the defaults.")
-    ] = DEFAULTS
+    ] = DEFAULT_SETTINGS
     rules: Annotated[
-        AppliedRules | None, Meta(description="Allowed commands, input sources and preferences of the trial.")
+        TrialRules | None, Meta(description="Allowed commands, input sources and preferences of the trial.")
     ] = None
     furniture: RealFurniture
     reward_weights: dict[str, float]
@@ -167,7 +167,7 @@ class Configuration(msgspec.Struct, frozen=True, kw_only=True):
         return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
 
 
-def configuration_from_metadata(values: Mapping[str, Any]) -> Configuration:
+def configuration_from_metadata(values: Mapping[str, Any]) -> TrialConfiguration:
     """Returns the configuration from the values of a metadata record.
 
     Raises:
@@ -178,4 +178,4 @@ def configuration_from_metadata(values: Mapping[str, Any]) -> Configuration:
         raise ValueError(
             f"its format version is {version}; allowed: up to {FORMAT_VERSION}; run `pip install --upgrade avrgym`"
         )
-    return msgspec.convert(values, Configuration)
+    return msgspec.convert(values, TrialConfiguration)

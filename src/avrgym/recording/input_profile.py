@@ -13,21 +13,21 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.commands.input_names import InputMethod, StopInput
-from avrgym.models.body_names import BODY_PART_LABELS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TrackedBodyPart
 from avrgym.recording.presentation import Presentation
 
 Arm = Literal["left", "right"]
 ARMS: tuple[Arm, ...] = get_args(Arm)
 
 _BOTH: frozenset[Arm] = frozenset(ARMS)
-USED_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
+POINTING_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
     "controllers": _BOTH,
     "hands": _BOTH,
     "left-hand": frozenset({"left"}),
     "right-hand": frozenset({"right"}),
 }
 """The arms with which a participant points, by input method. Other methods need no arm."""
-POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
+ALLOWED_STOP_INPUTS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "controllers": ("buttons", "palm", "gaze", "experimenter"),
     "hands": ("palm", "gaze", "experimenter"),
     "left-hand": ("buttons", "palm", "gaze", "experimenter"),
@@ -40,7 +40,7 @@ POSSIBLE_STOPS: Mapping[InputMethod, tuple[StopInput, ...]] = {
 """The stop inputs that each input method allows. The default is the first one, or with ``experimenter`` all of them."""
 DURATION_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
 """Minimum and maximum of durations in seconds, by field."""
-MAX_KEY_LENGTH = 32
+MAX_KEY_NAME_LENGTH = 32
 """Maximum length of a key's name, such as ``Enter``."""
 
 
@@ -61,7 +61,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     select_key: Annotated[
         str,
         Meta(
-            max_length=MAX_KEY_LENGTH,
+            max_length=MAX_KEY_NAME_LENGTH,
             description="With `two-switches`: the key that selects. Every other key moves the highlight.",
         ),
     ] = "Enter"
@@ -87,41 +87,41 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not self.select_key.strip():
             raise InputProfileError("select_key is empty; allowed: the name of a key, such as Enter")
         unusable = {*self.resting_arms, *self.absent_arms}
-        used = USED_ARMS.get(self.method, frozenset())
+        used = POINTING_ARMS.get(self.method, frozenset())
         if used and used <= unusable:
             raise InputProfileError(
                 f"input method {self.method} needs an arm that rests or is absent; allowed: head, one-switch, "
                 "two-switches, experimenter, or the other hand"
             )
-        if not self.stop_ways:
+        if not self.stop_inputs:
             raise InputProfileError(
                 f"the profile has no way to stop the robot; allowed for {self.method}: "
-                f"{', '.join(POSSIBLE_STOPS[self.method])}"
+                f"{', '.join(ALLOWED_STOP_INPUTS[self.method])}"
             )
-        for way in self.stop_ways:
-            if way not in POSSIBLE_STOPS[self.method]:
+        for way in self.stop_inputs:
+            if way not in ALLOWED_STOP_INPUTS[self.method]:
                 raise InputProfileError(
                     f"input method {self.method} cannot stop by {way}; allowed: "
-                    f"{', '.join(POSSIBLE_STOPS[self.method])}"
+                    f"{', '.join(ALLOWED_STOP_INPUTS[self.method])}"
                 )
 
     @property
-    def stop_ways(self) -> tuple[StopInput, ...]:
+    def stop_inputs(self) -> tuple[StopInput, ...]:
         """The participant's stop inputs. Keys, menu buttons and the experimenter can always stop the robot too."""
-        possible = POSSIBLE_STOPS[self.method]
+        possible = ALLOWED_STOP_INPUTS[self.method]
         default = possible if self.method == "experimenter" else possible[:1]
         return default if self.stops is None else self.stops
 
     @property
-    def used_arms(self) -> tuple[Arm, ...]:
+    def tracked_arms(self) -> tuple[Arm, ...]:
         """The arms that are tracked during a session. The other arms rest."""
         unusable = {*self.resting_arms, *self.absent_arms}
-        return tuple(arm for arm in ARMS if arm in USED_ARMS.get(self.method, ()) and arm not in unusable)
+        return tuple(arm for arm in ARMS if arm in POINTING_ARMS.get(self.method, ()) and arm not in unusable)
 
-    def needs(self, part: BodyPart) -> bool:
-        """Returns whether a body part must be tracked: the head and ``used_arms``. Resting and absent arms need no
+    def needs_tracking(self, part: TrackedBodyPart) -> bool:
+        """Returns whether a body part must be tracked: the head and ``tracked_arms``. Resting and absent arms need no
         tracking."""
-        return part == "head" or part in self.used_arms
+        return part == "head" or part in self.tracked_arms
 
     def describe(self) -> str:
         """Returns a description of the profile in one line, in English."""
@@ -134,17 +134,17 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "resting": self.resting_arms,
             "absent": self.absent_arms,
         }
-        named = [f"{word}: {BODY_PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
-        stops = "stop by " + ", ".join(self.stop_ways)
+        named = [f"{word}: {TRACKED_BODY_PART_LABELS[arm]}" for word, which in arms.items() for arm in which]
+        stops = "stop by " + ", ".join(self.stop_inputs)
         parts = [self.method, settings.get(self.method, ""), *named, stops, self.presentation.describe()]
         return "; ".join(filter(None, parts))
 
 
-CONTROLLERS = InputProfile()
+DEFAULT_INPUT_PROFILE = InputProfile()
 """The default profile: two controllers."""
 
 
-def read_profile(values: object) -> InputProfile:
+def profile_from_table(values: object) -> InputProfile:
     """Returns the input profile from a table of values. Raises ``InputProfileError`` for invalid values."""
     try:
         return msgspec.convert(values, InputProfile)

@@ -7,7 +7,7 @@ from msgspec import Meta
 
 Contrast = Literal["normal", "high"]
 PanelPosition = Literal["left", "centre", "right"]
-RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
+ALLOWED_RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
 """Minimum and maximum of each numerical preference."""
 
 
@@ -42,7 +42,7 @@ class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     captions: Annotated[bool, Meta(description="A caption describes each sound.")] = False
 
     def __post_init__(self) -> None:
-        for name, (low, high) in RANGES.items():
+        for name, (low, high) in ALLOWED_RANGES.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")

@@ -13,12 +13,12 @@ from mcap import records as mcap_records
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from avrgym.recording import answers_file
-from avrgym.recording.configuration import Configuration, configuration_from_metadata
+from avrgym.recording.configuration import TrialConfiguration, configuration_from_metadata
 from avrgym.recording.schema import TOPICS, AttemptEnd, Metrics, Outcome, decode
 
-CONFIGURATION, ORIGIN = "configuration", "origin"
+CONFIGURATION_RECORD, ORIGIN_RECORD = "configuration", "origin"
 """Names of the metadata records at the beginning. ``origin`` contains date and time."""
-OUTCOME, ROBOT_FINISHED = "outcome", "robot_finished"
+OUTCOME_RECORD, ROBOT_FINISHED_RECORD = "outcome", "robot_finished"
 """Names of the metadata records at the end of the trial, and at the end of its last control step."""
 _NO_RECORDING = "not a recording, or truncated before the end of its header; restore a backup"
 
@@ -27,10 +27,10 @@ class RecordingError(Exception):
     """Raised if a recording cannot be written completely, or if a file is not a valid recording."""
 
 
-class Header(NamedTuple):
+class RecordingHeader(NamedTuple):
     """Configuration and start time of a recording."""
 
-    configuration: Configuration
+    configuration: TrialConfiguration
     began_at: datetime
 
 
@@ -47,12 +47,12 @@ class Recording:
         robot_finished: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
 
-    configuration: Configuration
+    configuration: TrialConfiguration
     outcome: Outcome | None
     messages: list[tuple[str, int, Any]]
     complete: bool
     began_at: datetime
-    robot_finished: Outcome | None = None
+    robot_outcome: Outcome | None = None
 
     @property
     def result(self) -> AttemptEnd | None:
@@ -72,7 +72,7 @@ class Recording:
         return max((time_ns for _, time_ns, _ in self.messages), default=0) / 1e9
 
     @cached_property
-    def topics(self) -> dict[str, list[tuple[int, Any]]]:
+    def messages_by_topic(self) -> dict[str, list[tuple[int, Any]]]:
         """Messages (log_time_ns, record) by topic."""
         topics: dict[str, list[tuple[int, Any]]] = {topic: [] for topic in TOPICS}
         for topic, log_time_ns, record in self.messages:
@@ -94,18 +94,18 @@ def read_recording(path: str | os.PathLike[str]) -> Recording:
     ends_ns = max((time_ns for _, time_ns, _ in messages), default=0)
     messages += [("/answers", ends_ns, answer) for answer in answers_file.read_answers(path)]
     metadata = _metadata(records)
-    outcome = _outcome(metadata.get(OUTCOME))
+    outcome = _outcome(metadata.get(OUTCOME_RECORD))
     return Recording(
         configuration=header.configuration,
         outcome=outcome,
         messages=messages,
         complete=whole and gapless and outcome is not None,
         began_at=header.began_at,
-        robot_finished=_outcome(metadata.get(ROBOT_FINISHED)) if gapless else None,
+        robot_outcome=_outcome(metadata.get(ROBOT_FINISHED_RECORD)) if gapless else None,
     )
 
 
-def read_header(path: str | os.PathLike[str]) -> Header:
+def read_header(path: str | os.PathLike[str]) -> RecordingHeader:
     """Returns configuration and start time of a recording. Raises ``RecordingError`` if they are missing or invalid."""
     with open(path, "rb") as file:
         try:
@@ -116,16 +116,16 @@ def read_header(path: str | os.PathLike[str]) -> Header:
             raise RecordingError(f"{path} is damaged: {error}; restore a backup") from error
 
 
-def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRecord]) -> Header:
+def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRecord]) -> RecordingHeader:
     metadata: dict[str, dict[str, Any]] = {}
     for record in records:
         if isinstance(record, mcap_records.Chunk | mcap_records.Message):
             break
         metadata |= _metadata([record])
-        if CONFIGURATION in metadata and ORIGIN in metadata:
+        if CONFIGURATION_RECORD in metadata and ORIGIN_RECORD in metadata:
             try:
-                began_at = datetime.fromisoformat(metadata[ORIGIN]["began_at"])
-                return Header(configuration_from_metadata(metadata[CONFIGURATION]), began_at)
+                began_at = datetime.fromisoformat(metadata[ORIGIN_RECORD]["began_at"])
+                return RecordingHeader(configuration_from_metadata(metadata[CONFIGURATION_RECORD]), began_at)
             except (KeyError, TypeError, ValueError) as error:
                 raise RecordingError(
                     f"{path}: the configuration in this recording is not valid: {error}"

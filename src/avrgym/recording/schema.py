@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
-from avrgym.questionnaires.questionnaire import MAX_POINTS
+from avrgym.questionnaires.questionnaire import MAX_SCALE_POINTS
 from avrgym.system.type_guards import is_array, is_table
 
 MAX_LATENCY_FRAMES, MAX_LATENCY_MS = 256, 60_000
@@ -155,7 +155,7 @@ class Answer(Record, frozen=True):
     """The answer to one item. ``response_time_s``: time from the item's appearance to the answer."""
 
     item: Annotated[str, msgspec.Meta(max_length=64)]
-    value: Annotated[int, msgspec.Meta(ge=1, le=MAX_POINTS)]
+    value: Annotated[int, msgspec.Meta(ge=1, le=MAX_SCALE_POINTS)]
     response_time_s: Annotated[float, msgspec.Meta(ge=0)]
 
 

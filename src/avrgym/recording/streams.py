@@ -16,19 +16,19 @@ from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.system.columns import Column
 
-GAP_INTERVALS = 5.0
+MIN_GAP_INTERVALS = 5.0
 """A gap in a regular stream is longer than this number of sample intervals."""
-MAX_LEAD_S, MAX_STEP_BACK_S = 0.25, 0.05
+MAX_CLOCK_LEAD_S, MAX_JITTER_STEP_S = 0.25, 0.05
 """Minimum forward and backward step of sample times that can be a clock reset. A smaller forward step is a gap, a
 smaller backward step is jitter."""
-MAX_DELAY_S = 60.0
+MAX_ARRIVAL_DELAY_S = 60.0
 """Maximum plausible delay from sample to arrival: the buffer length of Lab Streaming Layer."""
-MIN_SAMPLES = 10
+MIN_JITTER_SAMPLES = 10
 """Minimum number of samples for the computation of jitter."""
 
-Topics = Mapping[str, Sequence[tuple[int, Any]]]
+MessagesByTopic = Mapping[str, Sequence[tuple[int, Any]]]
 """Messages (log_time_ns, record) of a recording, by topic."""
-Chunks = Sequence[tuple[int, StreamSamples]]
+SampleChunks = Sequence[tuple[int, StreamSamples]]
 """Chunks of one stream's samples, each with its arrival time in nanoseconds on the session's clock."""
 
 
@@ -54,7 +54,7 @@ class SampleTimes:
 
     time_s: FloatArray
     resets: tuple[ClockReset, ...]
-    raised: int
+    num_raised: int
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class _Segment:
     delay_s: float
 
 
-def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
+def correct_sample_times(chunks: SampleChunks, rate_hz: float) -> SampleTimes:
     """Returns the sample times of a stream, corrected for clock resets.
 
     Args:
@@ -91,13 +91,13 @@ def sample_times(chunks: Chunks, rate_hz: float) -> SampleTimes:
 
 
 def _is_plausible(segment: _Segment) -> bool:
-    return -MAX_LEAD_S <= segment.delay_s <= MAX_DELAY_S
+    return -MAX_CLOCK_LEAD_S <= segment.delay_s <= MAX_ARRIVAL_DELAY_S
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
     """Splits the samples at clock resets. Returns the segments."""
     steps_s = np.diff(given)
-    breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_STEP_BACK_S)) + 1
+    breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_JITTER_STEP_S)) + 1
     ends = [*breaks.tolist(), len(given)]
     found: list[_Segment] = []
     for first, end in zip([0, *ends], ends, strict=False):
@@ -116,14 +116,14 @@ def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) ->
     A late sample looks like a forward jump of the clock. For irregular samples, only a sample from the future (a
     negative delay) proves a reset.
     """
-    if step_s < -MAX_STEP_BACK_S:
+    if step_s < -MAX_JITTER_STEP_S:
         return True
-    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -MAX_LEAD_S <= before_s)
+    return before_s - after_s > step_s / 2.0 and (rate_hz > 0.0 or after_s < -MAX_CLOCK_LEAD_S <= before_s)
 
 
 def _gap_s(rate_hz: float) -> float:
     """Returns the smallest step of sample times that may be a forward jump of the clock, in seconds."""
-    return max(GAP_INTERVALS / rate_hz, MAX_LEAD_S) if rate_hz > 0.0 else MAX_LEAD_S
+    return max(MIN_GAP_INTERVALS / rate_hz, MAX_CLOCK_LEAD_S) if rate_hz > 0.0 else MAX_CLOCK_LEAD_S
 
 
 def _clock_lead_s(
@@ -165,23 +165,23 @@ class StreamQuality:
     clock_jump_s: Annotated[float, Column("Largest jump of this clock; negative is backwards.", unit="s")]
 
 
-def streams_by_name(topics: Topics) -> dict[str, Stream]:
+def streams_by_name(topics: MessagesByTopic) -> dict[str, Stream]:
     """Returns the streams of a recording by name."""
     return {each.stream: each for _, each in topics["/streams"]}
 
 
-def stream_chunks(topics: Topics, stream: str) -> Chunks:
+def stream_chunks(topics: MessagesByTopic, stream: str) -> SampleChunks:
     """Returns all samples of a stream, with their arrival times."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
 
 
-def stream_sample_times(topics: Topics, stream: str) -> SampleTimes:
+def stream_sample_times(topics: MessagesByTopic, stream: str) -> SampleTimes:
     """Returns the sample times of a stream in a recording, corrected for clock resets."""
     described = streams_by_name(topics).get(stream)
-    return sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
+    return correct_sample_times(stream_chunks(topics, stream), described.rate_hz if described else 0.0)
 
 
-def stream_quality(topics: Topics) -> list[StreamQuality]:
+def stream_quality(topics: MessagesByTopic) -> list[StreamQuality]:
     """Returns the timing quality of each stream in a recording, in alphabetical order."""
     return [
         _quality(stream, stream_chunks(topics, name), stream_sample_times(topics, name))
@@ -189,7 +189,7 @@ def stream_quality(topics: Topics) -> list[StreamQuality]:
     ]
 
 
-def _quality(stream: Stream, chunks: Chunks, found: SampleTimes) -> StreamQuality:
+def _quality(stream: Stream, chunks: SampleChunks, found: SampleTimes) -> StreamQuality:
     times = found.time_s
     offsets_ms = 1e3 * np.array([chunk.offset_s for _, chunk in chunks] or [0.0])
     lasted_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
@@ -214,11 +214,11 @@ def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None
 
     Jitter is the standard deviation of sample times from a straight line, which is fitted to each segment without gaps.
     """
-    if rate_hz <= 0.0 or len(times) < MIN_SAMPLES:
+    if rate_hz <= 0.0 or len(times) < MIN_JITTER_SAMPLES:
         return None, None
-    breaks = np.flatnonzero(np.diff(times) > GAP_INTERVALS / rate_hz) + 1
+    breaks = np.flatnonzero(np.diff(times) > MIN_GAP_INTERVALS / rate_hz) + 1
     segments = np.split(times, breaks)
-    residuals = [_residuals(segment) for segment in segments if len(segment) >= MIN_SAMPLES]
+    residuals = [_residuals(segment) for segment in segments if len(segment) >= MIN_JITTER_SAMPLES]
     return (float(np.concatenate(residuals).std()) if residuals else None), len(breaks)
 
 

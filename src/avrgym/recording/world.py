@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from avrgym.models.cameras import CameraSpec
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording
 from avrgym.tasks.episodes import Episodes
 
 
-def recorded_world(configuration: Configuration, *, by_region: bool = False) -> Episodes:
+def rebuild_world(configuration: TrialConfiguration, *, by_region: bool = False) -> Episodes:
     """Returns the world of a recording in its initial state. ``by_region``: whether to measure forces by body region.
 
     Raises:
@@ -35,14 +35,16 @@ def recorded_world(configuration: Configuration, *, by_region: bool = False) -> 
     return episodes
 
 
-def recorded_images(recording: Recording, cameras: Sequence[CameraSpec]) -> Iterator[dict[str, np.ndarray]]:
+def render_recorded_images(
+    recording: Recording, cameras: Sequence[CameraSpec]
+) -> Iterator[dict[str, np.ndarray]]:
     """Yields the camera images (by entry name) at the start of each control step, rendered from the recorded states.
 
     Raises:
         ValueError: if the world cannot be created, or if the recorded states have a different size.
         RuntimeError: if rendering fails.
     """
-    episodes = recorded_world(recording.configuration)
+    episodes = rebuild_world(recording.configuration)
     size = len(episodes.simulation.integration_state())
     states: deque[list[float]] = deque(maxlen=episodes.scene.substeps + 1)
     try:

@@ -16,12 +16,12 @@ from mcap import records as mcap_records
 from mcap.data_stream import RecordBuilder
 from mcap.writer import MCAP0_MAGIC, Writer
 
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import (
-    CONFIGURATION,
-    ORIGIN,
-    OUTCOME,
-    ROBOT_FINISHED,
+    CONFIGURATION_RECORD,
+    ORIGIN_RECORD,
+    OUTCOME_RECORD,
+    ROBOT_FINISHED_RECORD,
     RecordingError,
     read_intact_records,
     read_recording,
@@ -31,7 +31,7 @@ from avrgym.system.files import private_opener
 
 FLUSH_INTERVAL_S = 0.1
 """Interval at which queued records are written to the file."""
-STALL_TIMEOUT_S = 0.75
+DISK_STALL_TIMEOUT_S = 0.75
 """Time without a write after which ``RecordingWriter.error`` reports a stalled disk."""
 MAX_QUEUED_MESSAGES = 4000
 """Maximum length of the queue. If it is full, the recording fails."""
@@ -52,7 +52,7 @@ class RecordingWriter:
         configuration: all parameters of the trial.
     """
 
-    def __init__(self, path: str | os.PathLike[str], configuration: Configuration):
+    def __init__(self, path: str | os.PathLike[str], configuration: TrialConfiguration):
         self.path = Path(path)
         self._failure: Exception | None = None
         self._queue: SimpleQueue[tuple[str, int, Record] | Outcome | None] = SimpleQueue()
@@ -65,11 +65,11 @@ class RecordingWriter:
         self._thread.start()
 
     @property
-    def error(self) -> Exception | None:
+    def disk_error(self) -> Exception | None:
         """The error that prevents a complete recording, or ``None``. A ``TimeoutError`` is temporary, other errors are
         permanent."""
         silent_s = time.monotonic() - self._alive_at
-        if self._failure is None and self._thread.is_alive() and silent_s > STALL_TIMEOUT_S:
+        if self._failure is None and self._thread.is_alive() and silent_s > DISK_STALL_TIMEOUT_S:
             return TimeoutError(f"{self.path}: no data could be written for {silent_s:.1f} s; check the disk")
         return self._failure
 
@@ -90,7 +90,7 @@ class RecordingWriter:
         if self._failure is None:
             self._queue.put((topic, log_time_ns, record))
 
-    def robot_finished(self, outcome: Outcome) -> None:
+    def write_robot_outcome(self, outcome: Outcome) -> None:
         """Queue the outcome at the end of the last control step, without waiting.
 
         If the process is killed later, ``complete_truncated_recording`` completes the file with this outcome.
@@ -102,7 +102,7 @@ class RecordingWriter:
 
         After a disk failure, the method returns immediately.
         """
-        while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.error is None:
+        while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.disk_error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:
@@ -125,11 +125,11 @@ class RecordingWriter:
         if outcome is not None and self._failure is not None:
             raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
 
-    def _start(self, configuration: Configuration) -> dict[str, int]:
+    def _start(self, configuration: TrialConfiguration) -> dict[str, int]:
         try:
             self._mcap.start(profile="", library="avrgym")
-            self._mcap.add_metadata(CONFIGURATION, _to_text(msgspec.to_builtins(configuration)))
-            self._mcap.add_metadata(ORIGIN, _to_text({"began_at": datetime.now(UTC).isoformat()}))
+            self._mcap.add_metadata(CONFIGURATION_RECORD, _to_text(msgspec.to_builtins(configuration)))
+            self._mcap.add_metadata(ORIGIN_RECORD, _to_text({"began_at": datetime.now(UTC).isoformat()}))
         except BaseException:
             self._disk.close()
             self.path.unlink()
@@ -168,7 +168,7 @@ class RecordingWriter:
             return False
         if isinstance(entry, Outcome):
             self._mcap.flush()
-            self._mcap.add_metadata(ROBOT_FINISHED, _to_text(msgspec.to_builtins(entry)))
+            self._mcap.add_metadata(ROBOT_FINISHED_RECORD, _to_text(msgspec.to_builtins(entry)))
             return True
         topic, log_time_ns, record = entry
         self._written += 1
@@ -185,7 +185,7 @@ class RecordingWriter:
         self._disk.sync()
         end_of_data = self._disk.tell()
         try:
-            self._mcap.add_metadata(OUTCOME, _to_text(msgspec.to_builtins(outcome)))
+            self._mcap.add_metadata(OUTCOME_RECORD, _to_text(msgspec.to_builtins(outcome)))
             self._mcap.finish()
             self._disk.sync()
         except BaseException:
@@ -231,12 +231,12 @@ def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
     Unreadable data at the end of the file are replaced. The file must not be open for writing.
     """
     recording = read_recording(path)
-    if recording.complete or recording.robot_finished is None:
+    if recording.complete or recording.robot_outcome is None:
         return
     end = RecordBuilder()
     if recording.outcome is None:
-        outcome = msgspec.structs.replace(recording.robot_finished, cut_off=True)
-        mcap_records.Metadata(OUTCOME, _to_text(msgspec.to_builtins(outcome))).write(end)
+        outcome = msgspec.structs.replace(recording.robot_outcome, cut_off=True)
+        mcap_records.Metadata(OUTCOME_RECORD, _to_text(msgspec.to_builtins(outcome))).write(end)
     mcap_records.DataEnd(0).write(end)
     mcap_records.Footer(0, 0, 0).write(end)
     with open(path, "r+b") as file:

@@ -42,17 +42,17 @@ from avrgym.geometry import transforms
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TOPICS, TrackingFrame, encode, json_schema
 from avrgym.replay.output import check_new_file
-from avrgym.replay.timeline import recorded_scene, timeline_of
+from avrgym.replay.timeline import build_timeline, recorded_scene_parameters
 from avrgym.system import random_streams
 from avrgym.system.files import write_atomically
 from avrgym.vr.scene.body_surfaces import BodySurface, body_surfaces
 from avrgym.vr.scene.export_process import model_with_appearance
 
-WORLD, TRACKING = "world", "local_floor"
+WORLD_FRAME_ID, TRACKING_FRAME_ID = "world", "local_floor"
 """Names of coordinate frames: the simulated world (z up), and the headset's space of tracked poses (y up)."""
-TRACKED = ("head", "left", "right")
+TRACKED_PARTS = ("head", "left", "right")
 """Tracked parts: the head and both hands."""
-POINT_COUNT = 40_000
+NUM_SURFACE_POINTS = 40_000
 """Total number of points on all surfaces."""
 POINT_FIELD_OFFSETS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
 """Byte offset of each field of a point, by name."""
@@ -73,10 +73,10 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
         FileExistsError: if the file exists.
     """
     check_new_file(out, (".mcap",))
-    timeline, poses = timeline_of(recording, progress)
+    timeline, poses = build_timeline(recording, progress)
     data = io.BytesIO()
     log = _Log(data, round(recording.began_at.timestamp() * 1e9), _described(recording))
-    surfaces = body_surfaces(model_with_appearance(*recorded_scene(recording)))
+    surfaces = body_surfaces(model_with_appearance(*recorded_scene_parameters(recording)))
     log.write("/scene", 0.0, SceneUpdate(entities=[_entity(log, *each) for each in surfaces.items()]))
     for body, cloud in _clouds(surfaces):
         log.write(f"/surfaces/{body.replace('/', '_')}", 0.0, _point_cloud(log, body, cloud))
@@ -88,9 +88,11 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
             "/tf", time_s, FrameTransforms(transforms=[_transform(log, time_s, *each) for each in moved])
         )
     log.write(
-        "/tf", 0.0, FrameTransforms(transforms=[_transform(log, 0.0, TRACKING, _tracking_space(recording))])
+        "/tf",
+        0.0,
+        FrameTransforms(transforms=[_transform(log, 0.0, TRACKING_FRAME_ID, _tracking_space(recording))]),
     )
-    for time_ns, frame in recording.topics["/tracking"]:
+    for time_ns, frame in recording.messages_by_topic["/tracking"]:
         _write_tracked(log, time_ns / 1e9, frame)
     for event in timeline.events:
         time = log.timestamp(event.time_s)
@@ -186,7 +188,7 @@ def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str
     The points are random, but identical in every run.
     """
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
-    density = POINT_COUNT / sum(area.sum() for own in areas.values() for area in own)
+    density = NUM_SURFACE_POINTS / sum(area.sum() for own in areas.values() for area in own)
     generator = random_streams.surface_point_generator()
     for body, own in surfaces.items():
         drawn = [
@@ -249,7 +251,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
     x, y, z, qw, qx, qy, qz = pose.tolist()
     return FrameTransform(
         timestamp=log.timestamp(time_s),
-        parent_frame_id=WORLD,
+        parent_frame_id=WORLD_FRAME_ID,
         child_frame_id=frame,
         translation=Vector3(x=x, y=y, z=z),
         rotation=Quaternion(x=qx, y=qy, z=qz, w=qw),
@@ -264,11 +266,11 @@ def _tracking_space(recording: Recording) -> FloatArray:
 
 
 def _write_tracked(log: _Log, time_s: float, frame: TrackingFrame) -> None:
-    for part in TRACKED:
+    for part in TRACKED_PARTS:
         pose = getattr(frame, part)
         if pose is None:
             continue
         (x, y, z), (qx, qy, qz, qw) = pose.position, pose.orientation
         placed = Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=qx, y=qy, z=qz, w=qw))
-        message = PoseInFrame(timestamp=log.timestamp(time_s), frame_id=TRACKING, pose=placed)
+        message = PoseInFrame(timestamp=log.timestamp(time_s), frame_id=TRACKING_FRAME_ID, pose=placed)
         log.write(f"/tracked/{part}", time_s, message)

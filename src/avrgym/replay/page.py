@@ -12,14 +12,14 @@ from msgspec.structs import replace
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
-from avrgym.replay.timeline import Timeline, align_starts, export_recorded_scene
-from avrgym.system.files import PRIVATE_FILE, write_atomically
+from avrgym.replay.timeline import Timeline, align_robot_starts, export_recorded_scene
+from avrgym.system.files import PRIVATE_FILE_MODE, write_atomically
 from avrgym.vr.live_world.scene_message import scene_url
-from avrgym.vr.server.web_server import STATIC_FOLDER, check_page
+from avrgym.vr.server.web_server import STATIC_FOLDER, check_client_page
 
-TEMPLATE = "trial.html"
+PAGE_TEMPLATE = "trial.html"
 """File name of the page's template in the built client."""
-DATA_TAG = b'<script id="recorded" type="application/json">'
+DATA_SCRIPT_TAG = b'<script id="recorded" type="application/json">'
 """Tag of the script element that contains the page's data."""
 
 
@@ -43,7 +43,7 @@ class PageData(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording with its timeline and poses, see ``timeline_of``."""
+    """A recording with its timeline and poses, see ``build_timeline``."""
 
     recording: Recording
     timeline: Timeline
@@ -59,7 +59,7 @@ def check_new_page(out: Path) -> None:
         ServerError: if the client is not built.
     """
     check_new_file(out, (".html",))
-    check_page(TEMPLATE)
+    check_client_page(PAGE_TEMPLATE)
 
 
 def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
@@ -70,15 +70,15 @@ def write_page(trials: Sequence[ReplayedTrial], out: Path) -> None:
     Raises the same errors as ``check_new_page``.
     """
     check_new_page(out)
-    before, place, after = (STATIC_FOLDER / TEMPLATE).read_bytes().partition(DATA_TAG)
+    before, place, after = (STATIC_FOLDER / PAGE_TEMPLATE).read_bytes().partition(DATA_SCRIPT_TAG)
     page = before + place + _within_script(_packed(trials)) + after
     check_new_file(out, (".html",))
-    write_atomically(out, page, PRIVATE_FILE)
+    write_atomically(out, page, PRIVATE_FILE_MODE)
 
 
 def _packed(trials: Sequence[ReplayedTrial]) -> PageData:
     recordings = [trial.recording for trial in trials]
-    timelines = align_starts([trial.timeline for trial in trials])
+    timelines = align_robot_starts([trial.timeline for trial in trials])
     scenes = [_scene_number(recording, recordings) for recording in recordings]
     return PageData(
         step=POSE_RESOLUTION,

@@ -16,23 +16,23 @@ from PIL import Image, ImageDraw, ImageFont
 from avrgym.envs.rendering import Camera
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
-from avrgym.replay.playback import ComparedState, Playback, control_span_s, movement_end_s, title
+from avrgym.replay.playback import ComparedState, Playback, control_period_s, robot_motion_end_s, title
 from avrgym.system.files import write_atomically
 
-Picture = NDArray[np.uint8]
+RgbImage = NDArray[np.uint8]
 """An RGB image (height, width, 3)."""
-Progress = Callable[[], None]
+ProgressCallback = Callable[[], None]
 """A function that is called after each recorded state."""
 
-VIDEO_PX, FRAMES_PX = (1280, 720), (640, 480)
+VIDEO_SIZE_PX, STRIP_IMAGE_SIZE_PX = (1280, 720), (640, 480)
 """Width and height of videos, and of the frames of an image strip."""
-FRAMES_PER_S = 25
+VIDEO_FRAMES_PER_S = 25
 """Frame rate of videos."""
 GIF_FRAMES_PER_S = 10
 CAPTION_HEIGHT_PX = 40
-TEXT_COLOUR, PAPER_COLOUR = (20, 50, 58), (255, 255, 255)
+TEXT_COLOUR, BACKGROUND_COLOUR = (20, 50, 58), (255, 255, 255)
 """RGB colours of text and its background."""
-PICTURE_SUFFIXES = (".png", ".jpg")
+IMAGE_SUFFIXES = (".png", ".jpg")
 """Allowed file name suffixes of an image strip."""
 
 
@@ -42,12 +42,12 @@ class DisplayedState:
 
     time_s: float
     phase: str
-    reward: float
+    accumulated_reward: float
     force_on_person_n: float
     success: bool
 
 
-def write_video(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
+def write_video(recording: Recording, out: Path, *, first_person: bool, progress: ProgressCallback) -> None:
     """Write a trial as H.264 video (MP4) that plays in real time and ends at the questionnaire.
 
     Args:
@@ -71,9 +71,9 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
     unfinished = out.with_name(f".{out.name}.{os.getpid()}.part")
     try:
         with av.open(str(unfinished), "w", format="mp4", options={"movflags": "faststart"}) as file:
-            stream = file.add_stream("libx264", rate=FRAMES_PER_S, options={"crf": "20"})
-            stream.width, stream.height, stream.pix_fmt = *VIDEO_PX, "yuv420p"
-            for picture in _film(recording, FRAMES_PER_S, first_person, progress):
+            stream = file.add_stream("libx264", rate=VIDEO_FRAMES_PER_S, options={"crf": "20"})
+            stream.width, stream.height, stream.pix_fmt = *VIDEO_SIZE_PX, "yuv420p"
+            for picture in _film(recording, VIDEO_FRAMES_PER_S, first_person, progress):
                 file.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
             file.mux(stream.encode())
         check_new_file(out, (".mp4",))
@@ -82,7 +82,7 @@ def write_video(recording: Recording, out: Path, *, first_person: bool, progress
         unfinished.unlink(missing_ok=True)
 
 
-def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: Progress) -> None:
+def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: ProgressCallback) -> None:
     """Write a trial as a looping animation (GIF) for slides, with half the width and height of a video.
 
     Arguments and errors are those of ``write_video``; ``out`` must end in .gif.
@@ -98,8 +98,8 @@ def write_gif(recording: Recording, out: Path, *, first_person: bool, progress: 
     write_atomically(out, file.getvalue())
 
 
-def write_strip(
-    recording: Recording, count: int, out: Path, *, first_person: bool, progress: Progress
+def write_image_strip(
+    recording: Recording, count: int, out: Path, *, first_person: bool, progress: ProgressCallback
 ) -> list[float]:
     """Write one image: frames of the robot's motion at evenly spaced times, side by side.
 
@@ -108,18 +108,18 @@ def write_strip(
     Returns:
         The time of each frame, in seconds from the start of the motion.
     """
-    check_new_file(out, PICTURE_SUFFIXES)
-    begins_s, ends_s = control_span_s(recording)
+    check_new_file(out, IMAGE_SUFFIXES)
+    begins_s, ends_s = control_period_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
     drawn = [
         _titled(picture, f"{moment.time_s - begins_s:.1f} s")
-        for moment, picture in _pictures(recording, times_s, FRAMES_PX, first_person, progress)
+        for moment, picture in _pictures(recording, times_s, STRIP_IMAGE_SIZE_PX, first_person, progress)
     ]
     strip = Image.fromarray(np.concatenate(drawn, axis=1))
-    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_HEIGHT_PX), PAPER_COLOUR)
+    sheet = Image.new("RGB", (strip.width, strip.height + CAPTION_HEIGHT_PX), BACKGROUND_COLOUR)
     sheet.paste(strip, (0, CAPTION_HEIGHT_PX))
     _write(sheet, (10, CAPTION_HEIGHT_PX // 2), title(recording), "lm")
-    check_new_file(out, PICTURE_SUFFIXES)
+    check_new_file(out, IMAGE_SUFFIXES)
     file = io.BytesIO()
     sheet.save(file, Image.registered_extensions()[out.suffix.lower()])
     write_atomically(out, file.getvalue())
@@ -127,12 +127,12 @@ def write_strip(
 
 
 def _film(
-    recording: Recording, frames_per_s: int, first_person: bool, progress: Progress
-) -> Iterator[Picture]:
+    recording: Recording, frames_per_s: int, first_person: bool, progress: ProgressCallback
+) -> Iterator[RgbImage]:
     """Yields images at a constant rate, up to the questionnaire. Each image is the first state at or after its time."""
-    begins_s, _ = control_span_s(recording)
-    times_s = np.arange(0.0, movement_end_s(recording), 1.0 / frames_per_s).tolist()
-    for moment, picture in _pictures(recording, times_s, VIDEO_PX, first_person, progress):
+    begins_s, _ = control_period_s(recording)
+    times_s = np.arange(0.0, robot_motion_end_s(recording), 1.0 / frames_per_s).tolist()
+    for moment, picture in _pictures(recording, times_s, VIDEO_SIZE_PX, first_person, progress):
         yield _subtitled(picture, title(recording), moment, begins_s)
 
 
@@ -141,8 +141,8 @@ def _pictures(
     times_s: list[float],
     size_px: tuple[int, int],
     first_person: bool,
-    progress: Progress,
-) -> Iterator[tuple[DisplayedState, Picture]]:
+    progress: ProgressCallback,
+) -> Iterator[tuple[DisplayedState, RgbImage]]:
     """Yields a state and its image for each of these times: the first state at or after the time."""
     playback = Playback(recording)
     width_px, height_px = size_px
@@ -153,7 +153,7 @@ def _pictures(
         for moment in _moments(playback, progress):
             picture = None
             while due_s is not None and moment.time_s >= due_s - 1e-9:
-                picture = camera.picture() if picture is None else picture
+                picture = camera.render() if picture is None else picture
                 yield moment, picture
                 due_s = next(waiting, None)
             if due_s is None:
@@ -162,10 +162,10 @@ def _pictures(
         camera.close()
 
 
-def _moments(playback: Playback, progress: Progress) -> Iterator[DisplayedState]:
+def _moments(playback: Playback, progress: ProgressCallback) -> Iterator[DisplayedState]:
     """Yields each recorded state. At this time, the playback's world is in the same state."""
     reward, force_n, success = 0.0, 0.0, False
-    for compared in playback.run(follow=True):
+    for compared in playback.recompute(follow=True):
         if isinstance(compared, ComparedState):
             yield DisplayedState(compared.time_s, playback.phase, reward, force_n, success)
             progress()
@@ -174,23 +174,23 @@ def _moments(playback: Playback, progress: Progress) -> Iterator[DisplayedState]
             force_n, success = compared.recorded.force_on_person_n, compared.recorded.success
 
 
-def _titled(picture: Picture, text: str) -> Picture:
+def _titled(picture: RgbImage, text: str) -> RgbImage:
     """Returns the image with a caption below it."""
-    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_HEIGHT_PX), PAPER_COLOUR)
+    sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_HEIGHT_PX), BACKGROUND_COLOUR)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_HEIGHT_PX // 2), text, "mm")
     return np.asarray(sheet)
 
 
-def _subtitled(picture: Picture, text: str, moment: DisplayedState, begins_s: float) -> Picture:
+def _subtitled(picture: RgbImage, text: str, moment: DisplayedState, begins_s: float) -> RgbImage:
     """Returns the image with the trial's title and state at its lower edge."""
     sheet = Image.fromarray(picture)
     height = picture.shape[0]
-    band = Image.new("RGB", (sheet.width, CAPTION_HEIGHT_PX), PAPER_COLOUR)
+    band = Image.new("RGB", (sheet.width, CAPTION_HEIGHT_PX), BACKGROUND_COLOUR)
     sheet.paste(band, (0, height - CAPTION_HEIGHT_PX))
     middle = height - CAPTION_HEIGHT_PX // 2
     _write(sheet, (16, middle), text, "lm")
-    state = f"reward {moment.reward:.1f}   force {moment.force_on_person_n:.1f} N"
+    state = f"reward {moment.accumulated_reward:.1f}   force {moment.force_on_person_n:.1f} N"
     success = "success   " if moment.success else ""
     _write(sheet, (sheet.width - 16, middle), f"{success}{state}   {moment.time_s - begins_s:.1f} s", "rm")
     return np.asarray(sheet)

@@ -7,14 +7,14 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINTS
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Control, Event, Physics
-from avrgym.recording.world import recorded_world
+from avrgym.recording.world import rebuild_world
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
 from avrgym.system.used_plugins import differences
 from avrgym.tasks.constants import WORLD_VERSION
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
@@ -68,24 +68,24 @@ class Playback:
         Raises:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
         """
-        if not recording.topics["/physics"]:
+        if not recording.messages_by_topic["/physics"]:
             raise ReplayError("the recording is truncated before its first state; it cannot be replayed")
         self.recording = recording
         _check_world_version(recording)
         try:
-            self.episodes = recorded_world(recording.configuration, by_region=by_region)
+            self.episodes = rebuild_world(recording.configuration, by_region=by_region)
             _check_names(recording.configuration, self.episodes)
         except ValueError as error:
             raise ReplayError("; ".join([str(error), *changed_plugins(recording)])) from error
-        self._loop = self.episodes.loop
+        self._loop = self.episodes.control_loop
         self._action: FloatArray | None = None
         self._action_is_new = self._brakes = False
-        self._step: ControlStep | None = None
+        self._step: FirstWorldStep | None = None
         self.phase = ""
-        self.driven = False
+        self.robot_driven = False
         self._stopped = self._begun = False
 
-    def run(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
+    def recompute(self, *, follow: bool = False) -> Iterator[ComparedState | ComparedStep]:
         """Recomputes the recording. Yields each state and each control step. Can be called once.
 
         Args:
@@ -117,19 +117,19 @@ class Playback:
 
     def _advance(self, time_s: float, physics: Physics) -> ComparedState:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
-        self._step, self.driven = None, False
+        self._step, self.robot_driven = None, False
         if not self._begun:
             self._begin(recorded)
         elif not self._stopped:
-            self.driven = self.phase == "trial"
+            self.robot_driven = self.phase == "trial"
             self._tick()
         return ComparedState(time_s, recorded, simulation.integration_state())
 
     def _tick(self) -> None:
         if self.phase == "retreat":
-            self._loop.move(self.update_action(), hold=self._brakes)
+            self._loop.advance_with_action(self.update_action(), hold=self._brakes)
         else:
-            self._step = self._loop.tick(self if self.driven else None, hold=self._brakes)
+            self._step = self._loop.tick(self if self.robot_driven else None, hold=self._brakes)
 
     def _begin(self, state: FloatArray) -> None:
         size = len(self.episodes.simulation.integration_state())
@@ -142,7 +142,7 @@ class Playback:
         self.episodes.simulation.set_integration_state(state)
         self._begun = True
 
-    def _finished_step(self, time_s: float) -> ControlStep:
+    def _finished_step(self, time_s: float) -> FirstWorldStep:
         if self._step is None:
             raise ReplayError(
                 f"the recorded control step at {time_s:.2f} s does not end at a tick (10 ms) of the trial: "
@@ -186,9 +186,9 @@ def region_loads(recording: Recording, progress: Callable[[], None] = lambda: No
         ReplayError: if the recording cannot be recomputed.
     """
     playback, watch = Playback(recording, by_region=True), RegionLoadRecorder(1)
-    for compared in playback.run(follow=True):
+    for compared in playback.recompute(follow=True):
         if isinstance(compared, ComparedState):
-            if playback.driven:
+            if playback.robot_driven:
                 watch.add(playback.episodes.simulation.region_force_n())
             progress()
     return watch.loads()
@@ -204,30 +204,30 @@ def title(recording: Recording) -> str:
     return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt}: {participant}"
 
 
-def phases(recording: Recording) -> list[tuple[float, str]]:
+def phase_starts(recording: Recording) -> list[tuple[float, str]]:
     """Returns the start time (in seconds) and the name of each phase."""
-    events = recording.topics["/events"]
+    events = recording.messages_by_topic["/events"]
     return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
 
 
-def movement_end_s(recording: Recording) -> float:
+def robot_motion_end_s(recording: Recording) -> float:
     """Returns the time in seconds after which the robot does not move: the start of the questionnaire.
 
     Without a questionnaire, returns the end of the recording.
     """
-    starts = (time_s for time_s, name in phases(recording) if name == "questionnaire")
+    starts = (time_s for time_s, name in phase_starts(recording) if name == "questionnaire")
     return next(starts, recording.duration_s)
 
 
-def control_span_s(recording: Recording) -> tuple[float, float]:
+def control_period_s(recording: Recording) -> tuple[float, float]:
     """Returns the start and end time of the robot's control steps in seconds.
 
-    Without control steps, returns 0 and ``movement_end_s``.
+    Without control steps, returns 0 and ``robot_motion_end_s``.
     """
-    starts = [time_s for time_s, name in phases(recording) if name == "trial"]
-    control = recording.topics["/control"]
+    starts = [time_s for time_s, name in phase_starts(recording) if name == "trial"]
+    control = recording.messages_by_topic["/control"]
     if not starts or not control:
-        return 0.0, movement_end_s(recording)
+        return 0.0, robot_motion_end_s(recording)
     return starts[0], control[-1][0] / 1e9
 
 
@@ -257,7 +257,7 @@ def _check_world_version(recording: Recording) -> None:
         )
 
 
-def _check_names(configuration: Configuration, episodes: Episodes) -> None:
+def _check_names(configuration: TrialConfiguration, episodes: Episodes) -> None:
     for kind, recorded, now in (
         ("joints", configuration.joints, tuple(JOINTS)),
         ("bodies", configuration.bodies, tuple(episodes.simulation.bodies)),

@@ -9,22 +9,22 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.timeline import Timeline, export_recorded_scene
-from avrgym.vr.server.addresses import LOOPBACK
-from avrgym.vr.server.authentication import SameOriginOnly, Tokens
+from avrgym.vr.server.addresses import LOOPBACK_HOSTS
+from avrgym.vr.server.authentication import SameOriginMiddleware, Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.request_body import json_response
-from avrgym.vr.server.web_server import STATIC_FOLDER, WebServer, check_page, listen
+from avrgym.vr.server.web_server import STATIC_FOLDER, WebServer, check_client_page, open_listener
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
     """Returns the web application. Requests for data need a token, because movements can identify people."""
     app = FastAPI(openapi_url=None)
-    app.add_middleware(SameOriginOnly)
-    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK))
+    app.add_middleware(SameOriginMiddleware)
+    app.add_middleware(TrustedHostMiddleware, allowed_hosts=list(LOOPBACK_HOSTS))
     rendered = cache(lambda: export_recorded_scene(recording))
 
     def check(request: Request) -> None:
-        if tokens.bearer(request.headers) is None:
+        if tokens.client_of_request(request.headers) is None:
             raise HTTPException(
                 401,
                 "this address does not contain the replay's token; open the address from `avrgym replay`",
@@ -62,8 +62,8 @@ class ReplayServer:
         Raises:
             ServerError: if the client is not built, or if another program uses the port.
         """
-        check_page("replay.html")
-        listener = listen(LOOPBACK[0], port)
+        check_client_page("replay.html")
+        listener = open_listener(LOOPBACK_HOSTS[0], port)
         self.port = int(listener.getsockname()[1])
         self.tokens = Tokens.new()
         app = create_replay_app(recording, timeline, poses, self.tokens)
@@ -83,5 +83,5 @@ class ReplayServer:
 
     def wait(self) -> None:
         """Wait until the server ends."""
-        while self._web.running:
+        while self._web.is_running:
             self._web.wait(0.5)

@@ -9,7 +9,7 @@ from avrgym.models.human import Person
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
-from avrgym.replay.playback import ComparedState, Playback, phases, title
+from avrgym.replay.playback import ComparedState, Playback, phase_starts, title
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
@@ -65,7 +65,7 @@ class Timeline(msgspec.Struct, frozen=True):
     events: list[TimelineEvent]
 
 
-def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
+def build_timeline(recording: Recording, progress: Callable[[], None]) -> tuple[Timeline, bytes]:
     """Returns the timeline of a recording, and the poses of its frames; see ``Timeline``.
 
     Args:
@@ -92,7 +92,7 @@ def timeline_of(recording: Recording, progress: Callable[[], None]) -> tuple[Tim
     return timeline, b"".join(frames)
 
 
-def align_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
+def align_robot_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
     """Returns the timelines with delays. All robots then start at the same time."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
@@ -116,10 +116,10 @@ def _later(timeline: Timeline, by_s: float) -> Timeline:
 
 def export_recorded_scene(recording: Recording) -> bytes:
     """Returns the scene of a recording as a GLB file."""
-    return export_scene(*recorded_scene(recording))
+    return export_scene(*recorded_scene_parameters(recording))
 
 
-def recorded_scene(recording: Recording) -> tuple[str, Person, Settings]:
+def recorded_scene_parameters(recording: Recording) -> tuple[str, Person, Settings]:
     """Returns the environment id of a recording, its person in the rest pose, and its settings."""
     configuration = recording.configuration
     person = Person(**msgspec.structs.asdict(configuration.person))
@@ -149,7 +149,7 @@ def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[floa
     """Returns the times and poses of every second recorded state."""
     times_s: list[float] = []
     frames: list[bytes] = []
-    states = (each for each in playback.run(follow=True) if isinstance(each, ComparedState))
+    states = (each for each in playback.recompute(follow=True) if isinstance(each, ComparedState))
     for number, state in enumerate(states):
         if number % STATES_PER_FRAME == 0:
             times_s.append(state.time_s)
@@ -159,7 +159,7 @@ def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[floa
 
 
 def _steps(recording: Recording) -> StepSeries:
-    control = recording.topics["/control"]
+    control = recording.messages_by_topic["/control"]
     return StepSeries(
         time_s=[time_ns / 1e9 for time_ns, _ in control],
         reward=np.cumsum([step.reward for _, step in control]).tolist(),
@@ -170,16 +170,18 @@ def _steps(recording: Recording) -> StepSeries:
 
 
 def _timeline_events(recording: Recording) -> list[TimelineEvent]:
-    entered = [TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phases(recording)]
+    entered = [
+        TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phase_starts(recording)
+    ]
     events = [
         TimelineEvent(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())
-        for time_ns, event in recording.topics["/events"]
+        for time_ns, event in recording.messages_by_topic["/events"]
         if event.name != "phase"
     ]
     items = {item.id: item for item in recording.configuration.items}
     answers = [
         TimelineEvent(time_ns / 1e9, "answer", _answer_text(answer, items.get(answer.item)))
-        for time_ns, answer in recording.topics["/answers"]
+        for time_ns, answer in recording.messages_by_topic["/answers"]
     ]
     return [*entered, *events, *answers]
 

@@ -33,7 +33,7 @@ MAX_ROUNDING_DIFFERENCE = 1e-9
 
 
 @dataclass(frozen=True)
-class Difference:
+class QuantityDifference:
     """Differences between the recorded and the recomputed values of one quantity.
 
     Attributes:
@@ -81,7 +81,7 @@ class Verification:
     same_versions: bool
     same_rounding: bool
     plugin_differences: list[str]
-    differences: list[Difference]
+    differences: list[QuantityDifference]
 
     @property
     def identical(self) -> bool:
@@ -89,7 +89,7 @@ class Verification:
         return not self.differences
 
     @property
-    def agrees(self) -> bool:
+    def agrees_within_rounding(self) -> bool:
         """Whether rounding explains all differences."""
         return self.tick_error <= MAX_ROUNDING_DIFFERENCE
 
@@ -108,7 +108,7 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
     states: list[bool] = []
     steps: list[bool] = []
     until_s = 0.0
-    for compared in playback.run():
+    for compared in playback.recompute():
         if isinstance(compared, ComparedState):
             states.append(found.compare_state(compared, playback.episodes.simulation.model))
             until_s = compared.time_s
@@ -134,7 +134,7 @@ def verify(recording: Recording, progress: Callable[[], None] = lambda: None) ->
 
 def _tick_error(recording: Recording) -> float:
     playback, found = Playback(recording), _Differences()
-    for compared in playback.run(follow=True):
+    for compared in playback.recompute(follow=True):
         if isinstance(compared, ComparedState):
             found.compare_state(compared, playback.episodes.simulation.model)
         else:
@@ -146,7 +146,7 @@ class _Differences:
     """The differences found so far, by quantity."""
 
     def __init__(self) -> None:
-        self.differences: dict[str, Difference] = {}
+        self.differences: dict[str, QuantityDifference] = {}
 
     def compare_state(self, compared: ComparedState, model: mujoco.MjModel) -> bool:
         """Stores the differences of a state. Returns whether recorded and recomputed state are identical."""
@@ -173,8 +173,8 @@ class _Differences:
         if recorded.tobytes() == stepped.tobytes():
             return True
         largest, share = _distance(recorded, stepped)
-        before = self.differences.get(quantity, Difference(quantity, 0, time_s, 0.0, 0.0))
-        self.differences[quantity] = Difference(
+        before = self.differences.get(quantity, QuantityDifference(quantity, 0, time_s, 0.0, 0.0))
+        self.differences[quantity] = QuantityDifference(
             quantity,
             before.times + 1,
             before.first_time_s,

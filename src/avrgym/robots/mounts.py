@@ -7,12 +7,12 @@ import mujoco
 import numpy as np
 
 from avrgym.models.collision_bits import COLLISION_GROUP
-from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_bracket, add_nightstand
+from avrgym.models.furniture import NIGHTSTAND_BODY, NIGHTSTAND_TOP_POS_M, add_bracket, add_nightstand
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_material, add_visual
 from avrgym.models.robot import BaseRange, Mount, PersonLocation
 
 STAND_BODY = "stand"
-HALF_WIDTH_M = 0.18
+STAND_HALF_WIDTH_M = 0.18
 """Half the width of the stand's square foot."""
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
@@ -34,7 +34,7 @@ def mounts_on_furniture(
     return {
         "wheelchair": Mount(base_pos_w, yaw_rad, carrier=bracket, left_pos_w=left_pos_w),
         "bed": Mount(
-            NIGHTSTAND_TOP_M,
+            NIGHTSTAND_TOP_POS_M,
             yaw_rad,
             BaseRange((-0.1, 0.1), (-0.1, 0.1), (0.0, 0.0)),
             carrier=add_nightstand,
@@ -47,7 +47,7 @@ def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bo
     """Add the geoms of a stand to the body ``stand``, and move the body ``base`` of the arm to its top."""
     body = spec.body(STAND_BODY)
     spec.body(base).pos = [0.0, 0.0, height_m]
-    foot = [HALF_WIDTH_M, HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
+    foot = [STAND_HALF_WIDTH_M, STAND_HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
     body.add_geom(type=BOX, size=foot, pos=[0, 0, _FOOT_HALF_HEIGHT_M], group=COLLISION_GROUP, mass=0.0)
     column = [0, 0, 0.1, 0, 0, height_m - _COLUMN_RADIUS_M - 0.01]
     body.add_geom(type=CAPSULE, size=[_COLUMN_RADIUS_M, 0, 0], fromto=column, group=COLLISION_GROUP, mass=0.0)

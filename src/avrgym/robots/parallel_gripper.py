@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.robot import Grip
-from avrgym.models.scratcher import PINCH_M, SCRATCHER
+from avrgym.models.scratcher import PINCH_FROM_FINGERTIPS_M, SCRATCHER
 
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of a cup relative to a spoon: the cup's x axis is across the fingers."""
@@ -42,7 +42,9 @@ def parallel_grips(
     out, between = transforms.rotate(tool_rotation, [1.0, 0.0, 0.0]), np.asarray(grip_point_m, float)
     return {
         tool: Grip(
-            between - (PINCH_M - fingertip_length_m) * out if tool == SCRATCHER.name else between,
+            between - (PINCH_FROM_FINGERTIPS_M - fingertip_length_m) * out
+            if tool == SCRATCHER.name
+            else between,
             transforms.multiply(tool_rotation, TOOL_ROTATIONS[tool]),
             positions,
         )

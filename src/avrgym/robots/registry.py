@@ -11,15 +11,15 @@ from avrgym.robots.stretch.robot import STRETCH
 from avrgym.robots.ur5.robot import UR5
 from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
-from avrgym.system.optional_robots import MISSING, how_to_add
+from avrgym.system.optional_robots import INSTALL_COMMANDS, install_hint
 
 _PACKAGED = (JACO, PR2, PANDA, GEN3, UR5, STRETCH)
-_robots: dict[str, Robot] = {robot.name: robot for robot in _PACKAGED if robot.name not in MISSING}
+_robots: dict[str, Robot] = {robot.name: robot for robot in _PACKAGED if robot.name not in INSTALL_COMMANDS}
 ROBOTS: Mapping[str, Robot] = _robots
 """Registered robots by name."""
 
 
-def register(robot: Robot) -> None:
+def register_robot(robot: Robot) -> None:
     """Add a robot to the registry.
 
     Raises:
@@ -31,7 +31,7 @@ def register(robot: Robot) -> None:
     _robots[robot.name] = robot
 
 
-SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOTS, Robot, register)
+SKIPPED_PLUGINS = plugins.load_plugins(plugins.ROBOT_GROUP, Robot, register_robot)
 """Plug-ins of robots that were skipped, with their error messages."""
 
 
@@ -42,5 +42,5 @@ def find_robot(name: str) -> Robot:
         ValueError: for an unknown name. The message lists the robots.
     """
     if name not in ROBOTS:
-        raise ValueError(f"unknown robot {name!r}; allowed: {', '.join(ROBOTS)}{how_to_add(name)}")
+        raise ValueError(f"unknown robot {name!r}; allowed: {', '.join(ROBOTS)}{install_hint(name)}")
     return ROBOTS[name]

@@ -19,7 +19,7 @@ def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> N
         RuntimeError: if packages that read the meshes are missing.
     """
     try:
-        from avrgym.models.urdf import add_mesh, colour_of, read_mesh
+        from avrgym.models.urdf import add_trimesh, mesh_colour, read_mesh
     except ImportError as error:
         raise RuntimeError(
             f"the package {error.name} is missing; it reads the meshes of the robot. Run `pip install avrgym[vr]`"
@@ -27,4 +27,4 @@ def add_meshes(spec: mujoco.MjSpec, folder: str, meshes: Mapping[str, str]) -> N
 
     for body, file in meshes.items():
         for number, part in enumerate(read_mesh(rtb_data_path(folder) / file)):
-            add_mesh(spec, spec.body(body), f"{body}_{number}", part, rgb=colour_of(part))
+            add_trimesh(spec, spec.body(body), f"{body}_{number}", part, rgb=mesh_colour(part))

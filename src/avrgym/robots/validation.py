@@ -8,13 +8,13 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import kinematics
-from avrgym.geometry.kinematics import SLIDE
+from avrgym.geometry.kinematics import SLIDE_JOINT_TYPE
 from avrgym.models import robot as models
 from avrgym.models.cameras import SCENE_CAMERA, WRIST_CAMERA
 from avrgym.models.robot import PERSON_LOCATIONS, SIDES, Arm, Robot
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
-MIN_JOINTS = 6
+MIN_ARM_JOINTS = 6
 """Minimum number of joints for any position and rotation of the hand."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
 """Maximum reach and joint angles. They bound the observations."""
@@ -72,8 +72,8 @@ def _check_drive(robot: Robot) -> Iterator[str]:
 
 def _check_arm(side: str, arm: Arm, drives: bool) -> Iterator[str]:
     count = len(arm.joints)
-    if count + drives < MIN_JOINTS:
-        yield f"its {side} arm has {count} joints; allowed: {MIN_JOINTS} or more, one less with a drive"
+    if count + drives < MIN_ARM_JOINTS:
+        yield f"its {side} arm has {count} joints; allowed: {MIN_ARM_JOINTS} or more, one less with a drive"
     for name in (
         "speed_limit",
         "effort_limit",
@@ -126,14 +126,14 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
         yield f"its {side} arm: {error}"
         return
     types = {name: model.joint(name).type[0] for name in arm.joints}
-    if others := [name for name, kind in types.items() if kind not in (HINGE, SLIDE)]:
+    if others := [name for name, kind in types.items() if kind not in (HINGE, SLIDE_JOINT_TYPE)]:
         yield (
             f"{', '.join(others)} of its {side} arm is neither hinge nor slide; allowed: revolute, continuous and "
             "prismatic joints"
         )
         return
     try:
-        way = kinematics.chain_of(model, arm.joints, robot.base, arm.end_effector)
+        way = kinematics.extract_chain(model, arm.joints, robot.base, arm.end_effector)
     except ValueError as error:
         yield f"its {side} arm: {error}"
         return
@@ -143,13 +143,13 @@ def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
 def _ways(side: str, arm: Arm, way: kinematics.Chain) -> Iterator[str]:
     if (reach_m := kinematics.reach_m(way)) > MAX_REACH_M:
         yield f"the reach of its {side} arm is {reach_m:.2f} m; allowed: at most {MAX_REACH_M} m"
-    turns = np.maximum(np.abs(way.lower), np.abs(way.upper))
+    turns = np.maximum(np.abs(way.lower_limit), np.abs(way.upper_limit))
     for number, (joint, turn) in enumerate(zip(arm.joints, turns, strict=True)):
-        if number not in way.slides and turn > MAX_JOINT_ANGLE_RAD + 1e-9:
+        if number not in way.slide_joints and turn > MAX_JOINT_ANGLE_RAD + 1e-9:
             yield f"joint {joint!r} has no range or a too large range; allowed: a range within −2π to 2π"
-        if number in way.slides and not np.isfinite(turn):
+        if number in way.slide_joints and not np.isfinite(turn):
             yield f"joint {joint!r} has no range; add two finite limits in metres"
-    outside = (arm.seed_pose < way.lower) | (arm.seed_pose > way.upper)
+    outside = (arm.seed_pose < way.lower_limit) | (arm.seed_pose > way.upper_limit)
     for joint in np.array(arm.joints)[outside]:
         yield (
             f"the seed pose of its {side} arm is outside the range of joint {str(joint)!r}; allowed: joint positions "

@@ -3,18 +3,18 @@
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.geometry.capsules import point_distance
+from avrgym.geometry.capsules import point_segment_distance
 from avrgym.models import robot
 from avrgym.models.human import GEOMS
-from avrgym.models.scene import TOOL
-from avrgym.safety.limits import BODY_REGIONS, REGION_OF_GEOM, max_impact_speed_m_s
+from avrgym.models.scene import SCENE_TOOL_BODY
+from avrgym.safety.limits import BODY_REGIONS, REGION_INDEX_OF_GEOM, max_impact_speed_m_s
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 MONITORED_DISTANCE_M = 0.10
 """Speeds are checked if tool and person are closer than this distance. People move less than this while an arm
 retracts."""
-_REGIONS = np.array([REGION_OF_GEOM[geom] for geom in GEOMS])
+_REGIONS = np.array([REGION_INDEX_OF_GEOM[geom] for geom in GEOMS])
 
 
 class ApproachSpeedMonitor(PerWorldState):
@@ -36,13 +36,13 @@ class ApproachSpeedMonitor(PerWorldState):
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
         """Set the speed limits. An impact at the limit causes the force ``force_n`` (R,) on a region, in newtons."""
         self._simulation = simulation
-        self.allowed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
+        self.allowed_speed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()
         self._pad_w, self._segment_w = state.pad_pos_w, state.person_segment_w
         worlds = len(self._pad_w)
         self.person_too_fast: BoolArray = np.zeros(worlds, dtype=bool)
         self.closing_too_fast: BoolArray = np.zeros(worlds, dtype=bool)
-        self.region, self.speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
+        self.fastest_region, self.approach_speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
 
     def reset(self, ids: IntArray) -> None:
         """Start episodes in worlds ``ids`` (n,), from their current state."""
@@ -56,7 +56,7 @@ class ApproachSpeedMonitor(PerWorldState):
         pad_w, segment_w = state.pad_pos_w, state.person_segment_w
         now_m = _axis_distance_m(pad_w, segment_w)
         gap_m = now_m - state.person_radius_m
-        limit_m = self._simulation.scene.control_step_s * self.allowed_m_s[_REGIONS]
+        limit_m = self._simulation.scene.control_step_s * self.allowed_speed_m_s[_REGIONS]
         person, both = (
             _near_closing_m(_axis_distance_m(before_w, self._segment_w) - now_m, gap_m) / limit_m
             for before_w in (pad_w, self._pad_w)
@@ -68,16 +68,17 @@ class ApproachSpeedMonitor(PerWorldState):
         )
         share = np.where(self.person_too_fast[:, None], person, both)
         fastest = share.argmax(axis=-1)
-        self.region = _REGIONS[fastest]
-        self.speed_m_s = share.max(axis=-1) * self.allowed_m_s[self.region]
+        self.fastest_region = _REGIONS[fastest]
+        self.approach_speed_m_s = share.max(axis=-1) * self.allowed_speed_m_s[self.fastest_region]
 
-    def describe(self, world: int) -> str:
+    def describe_fastest_approach(self, world: int) -> str:
         """Returns a description of the fastest approach in a world: region, speed and limit."""
-        region = int(self.region[world])
+        region = int(self.fastest_region[world])
         verb = "approaches" if self.person_too_fast[world] else "and tool approach"
-        allowed = self.allowed_m_s[region]
+        allowed = self.allowed_speed_m_s[region]
         return (
-            f"{BODY_REGIONS[region].name} {verb} at {self.speed_m_s[world]:.2f} m/s, limit {allowed:.2f} m/s"
+            f"{BODY_REGIONS[region].name} {verb} at {self.approach_speed_m_s[world]:.2f} m/s, limit "
+            f"{allowed:.2f} m/s"
         )
 
 
@@ -88,9 +89,9 @@ def effective_mass_kg(simulation: Simulation) -> float:
     """
     model = simulation.model
     scene = simulation.scene
-    first = model.joint(robot.PREFIX + scene.robot.first_joint(scene.arm))
+    first = model.joint(robot.PREFIX + scene.robot.first_moving_joint(scene.arm))
     moved_kg, tool_kg = (
-        float(model.body_subtreemass[int(body)]) for body in (first.bodyid[0], model.body(TOOL).id)
+        float(model.body_subtreemass[int(body)]) for body in (first.bodyid[0], model.body(SCENE_TOOL_BODY).id)
     )
     return 0.5 * (moved_kg - tool_kg) + tool_kg
 
@@ -105,4 +106,4 @@ def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
 
 def _axis_distance_m(point_w: FloatArray, segment_w: FloatArray) -> FloatArray:
     """Returns the distances (N, G) of points (N, 3) from the axes (N, G, 2, 3) of capsules, in metres."""
-    return point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
+    return point_segment_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])

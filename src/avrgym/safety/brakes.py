@@ -4,14 +4,14 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.models.drive import DRIVE_JOINTS, MOTOR_GROUP
+from avrgym.models.drive import DRIVE_JOINTS, MOTOR_ACTUATOR_GROUP
 from avrgym.models.robot import PREFIX
 from avrgym.models.scene import SceneConfig
 
-HOLDING_FACTOR = 30.0
+BRAKE_TORQUE_FACTOR = 30.0
 """Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
 arm back. With a factor of 10, they push it back in 1 of 200 stops (a washcloth between backrest and head)."""
-SOLVER_TOLERANCE = 1e-8
+BRAKED_SOLVER_TOLERANCE = 1e-8
 """Solver tolerance while brakes are engaged. Friction holds the joints without creep only with this tolerance and
 Newton's method."""
 
@@ -24,7 +24,7 @@ class Brakes:
         joints = (*arm.joints, *(DRIVE_JOINTS if drive is not None else ()))
         self._dofs = np.array([model.joint(PREFIX + joint).dofadr[0] for joint in joints])
         limits = np.concatenate([arm.effort_limit, drive.effort_limit if drive is not None else ()])
-        self._effort = HOLDING_FACTOR * limits
+        self._effort = BRAKE_TORQUE_FACTOR * limits
         self._default_solver = int(model.opt.solver), float(model.opt.tolerance)
         self._friction = batch.expand("dof_frictionloss")
         self._disabled_actuators = batch.expand("opt.disableactuator")
@@ -32,9 +32,9 @@ class Brakes:
 
     def engage(self) -> None:
         """Switch the motors off and apply the brakes."""
-        self._disabled_actuators[:] = 1 << MOTOR_GROUP
+        self._disabled_actuators[:] = 1 << MOTOR_ACTUATOR_GROUP
         self._friction[:, self._dofs] = self._effort
-        self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, SOLVER_TOLERANCE
+        self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, BRAKED_SOLVER_TOLERANCE
 
     def release(self) -> None:
         """Release the brakes: the robots can move."""

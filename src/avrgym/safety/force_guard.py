@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.commands.preferences import STANDARD_FORCE_SHARE
+from avrgym.commands.preferences import DEFAULT_FORCE_SHARE
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.safety.approach_speed import ApproachSpeedMonitor
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
 from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
-INTERVENTION_SHARE = STANDARD_FORCE_SHARE
+INTERVENTION_FORCE_SHARE = DEFAULT_FORCE_SHARE
 """The arm retracts if a force exceeds this share of a region's quasi-static limit. Impacts may cause forces up to this
 share."""
-RELEASE_SHARE = 0.25
+RELEASE_FORCE_SHARE = 0.25
 """The arm stops retracting when forces on all regions are below this share. The hysteresis prevents chattering."""
-WAYPOINT_RAD = 0.01
+WAYPOINT_SPACING_RAD = 0.01
 """Joint motion since the latest waypoint after which a new waypoint of the retraction path is stored."""
-WAYPOINTS = 150
+MAX_WAYPOINTS = 150
 """Maximum number of stored waypoints of the retraction path."""
 INTERVENTION_EVENT, RELEASE_EVENT = "force_guard_acts", "force_guard_rests"
 """Names of recorded events: the guard starts to override commands, and it stops overriding them."""
@@ -47,20 +47,22 @@ class ForceGuard(PerWorldState):
         "_path", "_path_end", "_path_start",
     )  # fmt: skip
 
-    def __init__(self, simulation: Simulation, share: float = INTERVENTION_SHARE) -> None:
+    def __init__(self, simulation: Simulation, share: float = INTERVENTION_FORCE_SHARE) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``).
 
-        ``share``: share of the quasi-static limits at which the arm retracts, at most ``INTERVENTION_SHARE``.
+        ``share``: share of the quasi-static limits at which the arm retracts, at most ``INTERVENTION_FORCE_SHARE``.
         """
-        self._simulation, self._share = simulation, min(share, INTERVENTION_SHARE)
+        self._simulation, self._share = simulation, min(share, INTERVENTION_FORCE_SHARE)
         self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)
         configuration = simulation.configuration()
         worlds = len(configuration)
         self.executed_action = np.zeros((worlds, len(simulation.scene.action_names)))
-        self.retracting, self.holding, self._pressed = (np.zeros(worlds, dtype=bool) for _ in range(3))
-        self.interventions = np.zeros(worlds, dtype=np.intp)
+        self.retracting_mask, self.stopped_mask, self._pressed = (
+            np.zeros(worlds, dtype=bool) for _ in range(3)
+        )
+        self.num_interventions = np.zeros(worlds, dtype=np.intp)
         self._commanded, self._force_n = self.executed_action, np.zeros((worlds, len(BODY_REGIONS)))
-        self._path = np.repeat(configuration[:, None], WAYPOINTS, axis=1)
+        self._path = np.repeat(configuration[:, None], MAX_WAYPOINTS, axis=1)
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     def reset(self, ids: IntArray) -> None:
@@ -71,9 +73,9 @@ class ForceGuard(PerWorldState):
         self._path_end[ids] = 1
 
     @property
-    def overriding(self) -> BoolArray:
+    def override_mask(self) -> BoolArray:
         """Boolean mask (N,): worlds in which the guard overrides the command."""
-        return self.retracting | self.holding
+        return self.retracting_mask | self.stopped_mask
 
     def begin_step(self, commanded: FloatArray) -> FloatArray:
         """Returns the actions (N, A) to execute at the start of a control step, given the commanded actions (N, A)."""
@@ -100,7 +102,7 @@ class ForceGuard(PerWorldState):
     def describe_override(self, world: int) -> str:
         """Returns the reason why the guard overrides the command in a world, with the measured value and its limit."""
         if not self._pressed[world]:
-            return self._approach.describe(world)
+            return self._approach.describe_fastest_approach(world)
         force_n = self._force_n[world]
         most = int((force_n / QUASI_STATIC_LIMIT_N).argmax())
         region = BODY_REGIONS[most]
@@ -117,38 +119,38 @@ class ForceGuard(PerWorldState):
 
     def _decide(self) -> FloatArray:
         """Returns the actions (N, A) for the next physics step. Called once per step."""
-        was_retracting, was_overriding = self.retracting, self.overriding
+        was_retracting, was_overriding = self.retracting_mask, self.override_mask
         self._force_n = self._simulation.region_force_n()
         most = (self._force_n / QUASI_STATIC_LIMIT_N).max(axis=-1)
-        released = RELEASE_SHARE * self._share / INTERVENTION_SHARE
+        released = RELEASE_FORCE_SHARE * self._share / INTERVENTION_FORCE_SHARE
         self._pressed = (most > self._share) | (self._pressed & (most >= released))
-        self.retracting = self._pressed | self._approach.person_too_fast
-        self.holding = self._approach.closing_too_fast & ~self.retracting
-        begins = (self.retracting & ~was_retracting) | (self.overriding & ~was_overriding)
-        self.interventions = self.interventions + begins
+        self.retracting_mask = self._pressed | self._approach.person_too_fast
+        self.stopped_mask = self._approach.closing_too_fast & ~self.retracting_mask
+        begins = (self.retracting_mask & ~was_retracting) | (self.override_mask & ~was_overriding)
+        self.num_interventions = self.num_interventions + begins
         self._store_waypoints()
         return np.where(
-            self.retracting[:, None],
+            self.retracting_mask[:, None],
             self._retract(),
-            np.where(self.holding[:, None], 0.0, self._commanded),
+            np.where(self.stopped_mask[:, None], 0.0, self._commanded),
         )
 
     def _store_waypoints(self) -> None:
         """Stores a waypoint for each robot that does not retract and is not near its latest waypoint."""
         now = self._simulation.configuration()
         rows = np.arange(len(now))
-        latest = self._path[rows, (self._path_end - 1) % WAYPOINTS]
-        distance = np.abs((now - latest) / self._simulation.units).max(axis=-1)
-        moved = ~self.retracting & (distance >= WAYPOINT_RAD)
-        self._path[rows[moved], self._path_end[moved] % WAYPOINTS] = now[moved]
+        latest = self._path[rows, (self._path_end - 1) % MAX_WAYPOINTS]
+        distance = np.abs((now - latest) / self._simulation.configuration_units).max(axis=-1)
+        moved = ~self.retracting_mask & (distance >= WAYPOINT_SPACING_RAD)
+        self._path[rows[moved], self._path_end[moved] % MAX_WAYPOINTS] = now[moved]
         self._path_end = self._path_end + moved
-        self._path_start = np.maximum(self._path_start, self._path_end - WAYPOINTS)
+        self._path_start = np.maximum(self._path_start, self._path_end - MAX_WAYPOINTS)
 
     def _retract(self) -> FloatArray:
         """Returns actions (N, A) to the latest waypoint, at the joints' speed limits. Deletes reached waypoints."""
-        waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % WAYPOINTS]
+        waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % MAX_WAYPOINTS]
         steps = self._simulation.speeds_toward(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)
-        reached = self.retracting & (most <= 1.0) & (self._path_end - 1 > self._path_start)
+        reached = self.retracting_mask & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached
         return steps / np.maximum(most, 1.0)[:, None]

@@ -6,7 +6,7 @@ limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The
 quote the standard, because its text is not freely available.
 
 A clamped region must stay below the *quasi-static* limit. If a region can move away, the force may reach the
-*transient* limit for ``TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard
+*transient* limit for ``MAX_TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard
 allows no transient contact with skull and face; here their transient limit equals the quasi-static one.
 
 The maximum contact speed follows from the force: body and arm are two masses with a spring between them. The region has
@@ -25,7 +25,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 
-TRANSIENT_S = 0.5
+MAX_TRANSIENT_S = 0.5
 """Maximum duration of a transient force above the quasi-static limit."""
 
 
@@ -66,7 +66,7 @@ BODY_REGIONS = (
 )
 """The body regions, in the order of all arrays of forces by region (N, R). Forces on the left and right side are
 added."""
-REGION_OF_GEOM: Mapping[str, int] = {
+REGION_INDEX_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }
 """Index in ``BODY_REGIONS`` of each geom's region, by geom name. The geoms of a region are adjacent."""

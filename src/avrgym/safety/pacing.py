@@ -3,7 +3,7 @@
 The policy drives the tool until the tool is at the preferred distance from mouth or arm. The robot waits there for the
 command ``ready``. The layer scales the policy's actions, and maintains the preferred distance and side. At the command
 ``wait``, it moves the tool back; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with
-at most ``retreat.SPEED_M_S``.
+at most ``retreat.TOOL_SPEED_M_S``.
 """
 
 from collections.abc import Mapping
@@ -14,57 +14,59 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import (
     DEFAULT_PREFERENCES,
-    DISTANCE_STEP_M,
-    MAX_DISTANCE_M,
     MAX_SPEED_FACTOR,
-    MIN_DISTANCE_M,
+    MAX_WAITING_DISTANCE_M,
     MIN_SPEED_FACTOR,
-    SPEED_STEP,
-    AppliedRules,
+    MIN_WAITING_DISTANCE_M,
+    SPEED_FACTOR_STEP,
+    WAITING_DISTANCE_STEP_M,
+    TrialRules,
 )
 from avrgym.commands.vocabulary import COMMAND_INDEX, COMMAND_NAMES, CommandName
 from avrgym.geometry import transforms
-from avrgym.geometry.capsules import point_distance
-from avrgym.models.human import GEOMS, LEFT_ARM, RIGHT_ARM
-from avrgym.people.cooperation import OfferedPart
+from avrgym.geometry.capsules import point_segment_distance
+from avrgym.models.human import GEOMS, LEFT_ARM_BODIES, RIGHT_ARM_BODIES
+from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.safety.per_world_state import PerWorldState
-from avrgym.safety.retreat import SPEED_M_S, Retreat
+from avrgym.safety.retreat import TOOL_SPEED_M_S, Retreat
 from avrgym.simulation.state import State
 from avrgym.simulation.worlds import Simulation
 
-MODES = ("approaching", "waiting", "backing_off", "changing_side", "continuing", "stopped")
+PACING_MODES = ("approaching", "waiting", "backing_off", "changing_side", "continuing", "stopped")
 """Modes of the pacing layer. The policy drives the robot in the modes ``approaching`` and ``continuing``."""
-APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(MODES))
-TOLERANCE_M = 0.05
+APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(PACING_MODES))
+DISTANCE_TOLERANCE_M = 0.05
 """A waiting robot backs off if its distance is smaller than the preferred distance by more than this."""
-SIDE_OFFSET_M = 0.08
+MIN_LATERAL_OFFSET_M = 0.08
 """Minimum lateral distance between tool and mouth or arm at which the tool is on one side."""
-SIDE_LIMIT_S = 5.0
+MAX_SIDE_CHANGE_S = 5.0
 """Maximum duration of a change of side. The other side may be out of reach."""
-FACING_RAD = float(np.radians(30.0))
+MAX_FACING_ANGLE_RAD = float(np.radians(30.0))
 """Maximum angle between the head's direction and the tool at which the participant faces the tool."""
-COMMAND_INPUT = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
+COMMAND_INPUT_ENTRIES = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
 """Names of the entries of the controllers' input ``command``. An entry with a command's name is 1 if this is the latest
 command, otherwise 0. ``age_s`` is the time since the command, up to 60 s. ``side`` is 1 for left, −1 for right, 0 for
 any. ``waiting`` is 1 while the robot waits."""
-MAX_AGE_S = 60.0
+MAX_COMMAND_AGE_S = 60.0
 """Maximum value of ``age_s``."""
-NO_COMMAND = np.array([0.0] * len(COMMAND_NAMES) + [MAX_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0])
+NO_COMMAND_INPUT = np.array(
+    [0.0] * len(COMMAND_NAMES) + [MAX_COMMAND_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0]
+)
 """Value of the input ``command`` if there is no command."""
-_PARTS: Mapping[OfferedPart, tuple[str, ...]] = {
+_PARTS: Mapping[OfferedBodyPart, tuple[str, ...]] = {
     "mouth": ("cranium", "jaw"),
-    "arm": RIGHT_ARM,
-    "left_arm": LEFT_ARM,
+    "arm": RIGHT_ARM_BODIES,
+    "left_arm": LEFT_ARM_BODIES,
     "nothing": tuple(GEOMS),
 }
 _SIDES = {"any": 0.0, "left": 1.0, "right": -1.0}
 
 
-class Pacing(PerWorldState):
+class PacingLayer(PerWorldState):
     """Overrides the actions in N worlds according to the participants' commands.
 
     Attributes:
-        mode: indices (N,) in ``MODES``.
+        mode: indices (N,) in ``PACING_MODES``.
         speed_factor: factors (N,) of the policy's actions.
         distance_m: preferred distances (N,) between tool and mouth or arm.
         side: preferred sides (N,): 1 left, −1 right, 0 any.
@@ -76,16 +78,18 @@ class Pacing(PerWorldState):
         "_paused_s", "_moved_s", "_side_tried", "_latest", "_age_s",
     )  # fmt: skip
 
-    def __init__(self, simulation: Simulation, offered: OfferedPart, rules: AppliedRules) -> None:
+    def __init__(self, simulation: Simulation, offered: OfferedBodyPart, rules: TrialRules) -> None:
         """Create the layer for all robots of a simulation. ``offered``: the body part that the task needs."""
         self._simulation, self._offered, self.rules = simulation, offered, rules
         self._geoms = np.array([list(GEOMS).index(name) for name in _PARTS[offered]])
         self._step_s = simulation.scene.control_step_s
-        self._waits = "ready" in rules.commands or rules.preferences.continues_by_itself
+        self._waits = "ready" in rules.commands or rules.preferences.continues_without_command
         self._retreats: dict[int, Retreat] = {}
         worlds = simulation.num_worlds
         self.mode = np.zeros(worlds, dtype=np.intp)
-        self.speed_factor, self.distance_m, self.side = (np.zeros(worlds) for _ in range(3))
+        self.speed_factor, self.preferred_distance_m, self.preferred_side = (
+            np.zeros(worlds) for _ in range(3)
+        )
         self.gap_m, self._lateral_m = np.zeros(worlds), np.zeros(worlds)
         self._own = np.zeros((worlds, len(simulation.scene.action_names)))
         self._paused_s, self._moved_s, self._age_s = (np.zeros(worlds) for _ in range(3))
@@ -98,8 +102,12 @@ class Pacing(PerWorldState):
         self._clear(ids)
         wishes = self.rules.preferences
         self.mode[ids] = APPROACHING if self._waits and self.rules.pacing else CONTINUING
-        self.speed_factor[ids], self.distance_m[ids] = wishes.speed, wishes.distance_m
-        self.side[ids], self._latest[ids], self._age_s[ids] = _SIDES[wishes.side], -1, MAX_AGE_S
+        self.speed_factor[ids], self.preferred_distance_m[ids] = wishes.speed, wishes.distance_m
+        self.preferred_side[ids], self._latest[ids], self._age_s[ids] = (
+            _SIDES[wishes.side],
+            -1,
+            MAX_COMMAND_AGE_S,
+        )
         for world in ids.tolist():
             self._retreats.pop(world, None)
 
@@ -109,20 +117,20 @@ class Pacing(PerWorldState):
             self._simulation,
             world,
             mouth_distance_m=np.inf,
-            person_distance_m=MAX_DISTANCE_M,
+            person_distance_m=MAX_WAITING_DISTANCE_M,
             steps=round(float(self._moved_s[world]) / self._step_s),
             step_s=self._step_s,
         )
 
     def apply_command(self, command: CommandName, worlds: BoolArray) -> BoolArray:
         """Apply a command in the worlds of a mask (N,). Returns the mask of the worlds in which it has an effect."""
-        before = self.mode, self.speed_factor, self.distance_m, self.side
+        before = self.mode, self.speed_factor, self.preferred_distance_m, self.preferred_side
         worlds = worlds & (self.mode != STOPPED)
         self._latest = np.where(worlds, COMMAND_INDEX[command], self._latest)
         self._age_s = np.where(worlds, 0.0, self._age_s)
         if self.rules.pacing or command == "stop":
             self._react(command, worlds)
-        now = self.mode, self.speed_factor, self.distance_m, self.side
+        now = self.mode, self.speed_factor, self.preferred_distance_m, self.preferred_side
         return np.any([old != new for old, new in zip(before, now, strict=True)], axis=0)
 
     def _react(self, command: CommandName, worlds: BoolArray) -> None:
@@ -133,30 +141,36 @@ class Pacing(PerWorldState):
             case "wait":
                 self._enter(BACKING_OFF, worlds & ~waiting)
             case "slower" | "faster":
-                change = SPEED_STEP if command == "faster" else -SPEED_STEP
+                change = SPEED_FACTOR_STEP if command == "faster" else -SPEED_FACTOR_STEP
                 changed = np.clip(self.speed_factor + change, MIN_SPEED_FACTOR, MAX_SPEED_FACTOR)
                 self.speed_factor = np.where(worlds, changed, self.speed_factor)
             case "closer":
-                self._change_distance(-DISTANCE_STEP_M, worlds)
+                self._change_distance(-WAITING_DISTANCE_STEP_M, worlds)
                 self._enter(APPROACHING, worlds & waiting)
             case "farther":
-                self._change_distance(DISTANCE_STEP_M, worlds)
+                self._change_distance(WAITING_DISTANCE_STEP_M, worlds)
                 self._enter(BACKING_OFF, worlds & (waiting | (self.mode == CONTINUING)))
             case "other_side":
-                present = np.where(self.side == 0.0, np.where(self._lateral_m > 0.0, 1.0, -1.0), self.side)
-                self.side = np.where(worlds, -present, self.side)
+                present = np.where(
+                    self.preferred_side == 0.0,
+                    np.where(self._lateral_m > 0.0, 1.0, -1.0),
+                    self.preferred_side,
+                )
+                self.preferred_side = np.where(worlds, -present, self.preferred_side)
                 self._side_tried = self._side_tried & ~worlds
                 self._enter(BACKING_OFF, worlds & (self.mode != APPROACHING))
             case "stop":
                 self.mode = np.where(worlds, STOPPED, self.mode)
 
     def _change_distance(self, change_m: float, worlds: BoolArray) -> None:
-        changed = np.clip(self.distance_m + change_m, MIN_DISTANCE_M, MAX_DISTANCE_M)
-        self.distance_m = np.where(worlds, changed, self.distance_m)
+        changed = np.clip(
+            self.preferred_distance_m + change_m, MIN_WAITING_DISTANCE_M, MAX_WAITING_DISTANCE_M
+        )
+        self.preferred_distance_m = np.where(worlds, changed, self.preferred_distance_m)
 
     def override(self, commanded: FloatArray) -> FloatArray:
         """Returns the actions (N, A) to execute, given the policy's actions. Call this method once per control step."""
-        self._age_s = np.minimum(self._age_s + self._step_s, MAX_AGE_S)
+        self._age_s = np.minimum(self._age_s + self._step_s, MAX_COMMAND_AGE_S)
         if self.rules.pacing:
             self._update_modes(self._simulation.state())
         return self.override_within_step(commanded)
@@ -169,11 +183,11 @@ class Pacing(PerWorldState):
         return np.where(self._follows[:, None], scaled, self._own)
 
     def mode_name(self, world: int) -> str:
-        """Returns the mode of a world, one of ``MODES``."""
-        return MODES[int(self.mode[world])]
+        """Returns the mode of a world, one of ``PACING_MODES``."""
+        return PACING_MODES[int(self.mode[world])]
 
     @property
-    def waiting(self) -> BoolArray:
+    def waiting_mask(self) -> BoolArray:
         """Boolean mask (N,): worlds in which the robot waits at its waiting pose."""
         return self.mode == WAITING
 
@@ -183,9 +197,15 @@ class Pacing(PerWorldState):
         return (self.mode == APPROACHING) | (self.mode == CONTINUING)
 
     def command_input(self) -> FloatArray:
-        """Returns the input ``command`` of controllers, (N, ``len(COMMAND_INPUT)``)."""
+        """Returns the input ``command`` of controllers, (N, ``len(COMMAND_INPUT_ENTRIES)``)."""
         latest = np.arange(len(COMMAND_NAMES)) == self._latest[:, None]
-        rest = self._age_s, self.speed_factor, self.distance_m, self.side, self.waiting
+        rest = (
+            self._age_s,
+            self.speed_factor,
+            self.preferred_distance_m,
+            self.preferred_side,
+            self.waiting_mask,
+        )
         return np.column_stack([latest, *rest]).astype(float)
 
     def restore(self, snapshot: dict[str, Any]) -> None:
@@ -198,9 +218,11 @@ class Pacing(PerWorldState):
         self.gap_m, self._lateral_m = self._distances(state)
         next_m = self.gap_m + np.minimum(self.gap_m - before_m, 0.0)
         self._own = np.zeros_like(self._own)
-        self._arrive((self.mode == APPROACHING) & (next_m <= self.distance_m))
-        self._enter(BACKING_OFF, self.waiting & (self.gap_m < self.distance_m - TOLERANCE_M))
-        self._arrive((self.mode == BACKING_OFF) & (self.gap_m >= self.distance_m))
+        self._arrive((self.mode == APPROACHING) & (next_m <= self.preferred_distance_m))
+        self._enter(
+            BACKING_OFF, self.waiting_mask & (self.gap_m < self.preferred_distance_m - DISTANCE_TOLERANCE_M)
+        )
+        self._arrive((self.mode == BACKING_OFF) & (self.gap_m >= self.preferred_distance_m))
         for world in np.flatnonzero(self.mode == BACKING_OFF).tolist():
             self._back_off(world)
         for world in np.flatnonzero(self.mode == CHANGING_SIDE).tolist():
@@ -210,12 +232,12 @@ class Pacing(PerWorldState):
     def _continue_by_itself(self, state: State) -> None:
         """Leaves the waiting pose without a command if the participant prefers this."""
         wishes = self.rules.preferences
-        self._paused_s = np.where(self.waiting, self._paused_s + self._step_s, 0.0)
-        if not wishes.continues_by_itself:
+        self._paused_s = np.where(self.waiting_mask, self._paused_s + self._step_s, 0.0)
+        if not wishes.continues_without_command:
             return
-        due = self.waiting & (self._paused_s > wishes.pause_s)
+        due = self.waiting_mask & (self._paused_s > wishes.pause_s)
         if wishes.bite_timing == "with_company":
-            due = due & (facing_angle_rad(state) < FACING_RAD)
+            due = due & (facing_angle_rad(state) < MAX_FACING_ANGLE_RAD)
         self._enter(CONTINUING, due)
 
     def _enter(self, mode: int, worlds: BoolArray) -> None:
@@ -229,12 +251,16 @@ class Pacing(PerWorldState):
 
     def _arrive(self, worlds: BoolArray) -> None:
         """Starts to wait in the worlds of a mask (N,). If the tool is on the wrong side, changes the side first."""
-        wrong = (self.side != 0.0) & (self._lateral_m * self.side < SIDE_OFFSET_M) & ~self._side_tried
+        wrong = (
+            (self.preferred_side != 0.0)
+            & (self._lateral_m * self.preferred_side < MIN_LATERAL_OFFSET_M)
+            & ~self._side_tried
+        )
         self._enter(CHANGING_SIDE, worlds & wrong)
         self._enter(WAITING, worlds & ~wrong)
 
     def _back_off(self, world: int) -> None:
-        action = self._retreat(world).action()
+        action = self._retreat(world).next_action()
         self._moved_s[world] += self._step_s
         if action is None:
             self._enter(WAITING, self._only(world))
@@ -244,16 +270,18 @@ class Pacing(PerWorldState):
     def _change_side(self, world: int, state: State) -> None:
         """Moves the tool to the preferred side, and away from the person if it is too close."""
         self._moved_s[world] += self._step_s
-        side = self.side[world]
-        if self._lateral_m[world] * side >= SIDE_OFFSET_M or self._moved_s[world] > SIDE_LIMIT_S:
+        side = self.preferred_side[world]
+        if self._lateral_m[world] * side >= MIN_LATERAL_OFFSET_M or self._moved_s[world] > MAX_SIDE_CHANGE_S:
             self._side_tried[world] = True
             self._enter(WAITING, self._only(world))
             return
-        missing = np.clip((self.distance_m[world] - self.gap_m[world]) / TOLERANCE_M, 0.0, 1.0)
+        missing = np.clip(
+            (self.preferred_distance_m[world] - self.gap_m[world]) / DISTANCE_TOLERANCE_M, 0.0, 1.0
+        )
         away_w = state.pad_pos_w[world] - self._reference_w(state)[world]
         direction = np.array([side, 0.0, 0.0]) + missing * away_w / max(float(np.linalg.norm(away_w)), 1e-9)
-        self._own[world] = self._retreat(world).steer(
-            SPEED_M_S * direction / max(float(np.linalg.norm(direction)), 1e-9)
+        self._own[world] = self._retreat(world).action_for_velocity(
+            TOOL_SPEED_M_S * direction / max(float(np.linalg.norm(direction)), 1e-9)
         )
 
     def _only(self, world: int) -> BoolArray:
@@ -267,7 +295,7 @@ class Pacing(PerWorldState):
     def _distances(self, state: State) -> tuple[FloatArray, FloatArray]:
         """Returns the distance (N,) between tool and offered body part, and the tool's offset (N,) to the left."""
         ends_w = state.person_segment_w[:, self._geoms]
-        apart = point_distance(state.pad_pos_w[:, None], ends_w[:, :, 0], ends_w[:, :, 1])
+        apart = point_segment_distance(state.pad_pos_w[:, None], ends_w[:, :, 0], ends_w[:, :, 1])
         gap_m = (apart - state.person_radius_m[:, self._geoms]).min(axis=-1)
         return gap_m, (state.pad_pos_w - self._reference_w(state))[:, 0]
 

@@ -8,16 +8,16 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.transforms import norm
-from avrgym.models.scene import PHYSICS_STEP_S, SceneConfig, add_geom_sensor
+from avrgym.models.scene import PHYSICS_STEP_S, SceneConfig, add_geom_force_sensor
 from avrgym.safety.limits import (
     BODY_REGIONS,
+    MAX_TRANSIENT_S,
     QUASI_STATIC_LIMIT_N,
-    REGION_OF_GEOM,
+    REGION_INDEX_OF_GEOM,
     TRANSIENT_LIMIT_N,
-    TRANSIENT_S,
 )
 
-GEOM_CONTACTS, CLOTH_GEOM_CONTACTS = 8, 64
+MAX_GEOM_CONTACTS, MAX_CLOTH_GEOM_CONTACTS = 8, 64
 """Maximum number of contacts that a sensor measures for one geom of the person, without and with cloth. A grasp with
 three fingers has fewer than 8 contacts. A sleeve around an arm has up to 40."""
 
@@ -28,9 +28,9 @@ def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     The sensors do not change the simulation. With many contacts, they increase the duration of a physics step by up to
     a sixth.
     """
-    contacts = GEOM_CONTACTS if scene.tool.cloth is None else CLOTH_GEOM_CONTACTS
-    for geom in REGION_OF_GEOM:
-        add_geom_sensor(spec, scene, _sensor(geom), geom, contacts)
+    contacts = MAX_GEOM_CONTACTS if scene.tool.cloth is None else MAX_CLOTH_GEOM_CONTACTS
+    for geom in REGION_INDEX_OF_GEOM:
+        add_geom_force_sensor(spec, scene, _sensor(geom), geom, contacts)
 
 
 def _sensor(geom: str) -> str:
@@ -42,11 +42,13 @@ class RegionForceSensors:
 
     def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
         self._sensordata = sensordata
-        sensors = [model.sensor(_sensor(geom)) for geom in REGION_OF_GEOM]
+        sensors = [model.sensor(_sensor(geom)) for geom in REGION_INDEX_OF_GEOM]
         self._columns = np.stack(
             [int(sensor.adr[0]) + np.arange(int(sensor.dim[0])) for sensor in sensors]
         ).reshape(len(sensors), -1, 3)
-        self._first_of_region = np.searchsorted([*REGION_OF_GEOM.values()], np.arange(len(BODY_REGIONS)))
+        self._first_of_region = np.searchsorted(
+            [*REGION_INDEX_OF_GEOM.values()], np.arange(len(BODY_REGIONS))
+        )
 
     def read_forces_n(self) -> FloatArray:
         """Returns the contact forces (N, R) by region, in newtons: sums of the magnitudes of all contact forces."""
@@ -72,8 +74,8 @@ class RegionLoads:
 
     @property
     def over_quasi_static(self) -> BoolArray:
-        """Boolean mask (n, R): a force was above the quasi-static limit for longer than ``TRANSIENT_S``."""
-        return self.longest_overload_s > TRANSIENT_S
+        """Boolean mask (n, R): a force was above the quasi-static limit for longer than ``MAX_TRANSIENT_S``."""
+        return self.longest_overload_s > MAX_TRANSIENT_S
 
     @property
     def over_transient(self) -> BoolArray:

@@ -15,14 +15,14 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.models import human, robot
 from avrgym.models.collision_bits import COLLISION_GROUP, FURNITURE, PERSON
 from avrgym.models.drive import DRIVE_JOINTS
-from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.models.scene import CONTROL_STEP_S, SCENE_TOOL_BODY
 from avrgym.simulation.worlds import Simulation
 
-SPEED_M_S = 0.08
+TOOL_SPEED_M_S = 0.08
 """Speed of the tool. With the servos' overshoot the speed remains below 0.1 m/s, also near the head."""
-MOUTH_DISTANCE_M = 0.32
+FINAL_MOUTH_DISTANCE_M = 0.32
 """Distance between tool and mouth at the end of the retreat."""
-PERSON_DISTANCE_M = 0.10
+FINAL_PERSON_DISTANCE_M = 0.10
 """Distance of tool and hand from the person at the end of the retreat."""
 MAX_DURATION_S = 6.0
 """Maximum duration of a retreat."""
@@ -30,11 +30,11 @@ MIN_GAP_M = 0.01
 """Gap at which the allowed closing speed is zero."""
 MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
-ROTATION_LEVER_M = 0.2
+ROTATION_WEIGHT_M = 0.2
 """Weight of the tool's rotation: one radian counts as this distance."""
-DAMPING = 0.03
+SPEED_DAMPING = 0.03
 """Weight of squared joint speeds in the quadratic programme."""
-BRAKING_TIME_S = 0.3
+MIN_CLOSING_TIME_S = 0.3
 """Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
 REGULARIZATION = 1e-6
 """Regularization of the quadratic programme. With it, a solution exists even if many links are near the person."""
@@ -51,8 +51,8 @@ class SmallGaps(NamedTuple):
     """
 
     gap_m: FloatArray
-    away_w: FloatArray
-    rows: FloatArray
+    direction_to_arm_w: FloatArray
+    gap_jacobian: FloatArray
     is_hand: BoolArray
 
 
@@ -64,8 +64,8 @@ class Retreat:
         simulation: Simulation,
         world: int = 0,
         *,
-        mouth_distance_m: float = MOUTH_DISTANCE_M,
-        person_distance_m: float = PERSON_DISTANCE_M,
+        mouth_distance_m: float = FINAL_MOUTH_DISTANCE_M,
+        person_distance_m: float = FINAL_PERSON_DISTANCE_M,
         steps: int = 0,
         step_s: float = CONTROL_STEP_S,
     ) -> None:
@@ -93,11 +93,11 @@ class Retreat:
         self._range = np.where(limited[:, None], [joint.range for joint in joints], [-np.inf, np.inf])
         self._speed_limit = simulation.scene.speed_limit
         scene = simulation.scene
-        first = model.joint(robot.PREFIX + scene.robot.first_joint(scene.arm))
+        first = model.joint(robot.PREFIX + scene.robot.first_moving_joint(scene.arm))
         self._links, self._hand = (_moved_by(model, joint.id) for joint in (first, joints[-1]))
         self._person = {model.geom(human.PREFIX + name).id for name in human.GEOMS}
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
-        self._tool = model.body(TOOL).id
+        self._tool = model.body(SCENE_TOOL_BODY).id
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))
         self._steps, self._step_s = steps, step_s
 
@@ -105,7 +105,7 @@ class Retreat:
         """Start another retreat, from the current state."""
         self._steps = 0
 
-    def action(self) -> FloatArray | None:
+    def next_action(self) -> FloatArray | None:
         """Returns the action (A,) for the next step. Returns ``None`` if the retreat is complete, or after
         ``MAX_DURATION_S``."""
         near = self._measure()
@@ -114,7 +114,7 @@ class Retreat:
         self._steps += 1
         return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
 
-    def steer(self, velocity_w: FloatArray) -> FloatArray:
+    def action_for_velocity(self, velocity_w: FloatArray) -> FloatArray:
         """Returns the action (A,) that moves the tool with a velocity (3,) and without rotation.
 
         As in ``action``, every link stays away from the person.
@@ -141,9 +141,10 @@ class Retreat:
             nearest = np.where(near.is_hand, near.gap_m, np.inf).argmin()
             away = (
                 away
-                + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._person_distance_m) * near.away_w[nearest]
+                + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._person_distance_m)
+                * near.direction_to_arm_w[nearest]
             )
-        return SPEED_M_S * _unit(away)
+        return TOOL_SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: SmallGaps) -> FloatArray:
         """Returns the speeds (A,) of joints and drive that best achieve a tool velocity without rotation.
@@ -151,15 +152,18 @@ class Retreat:
         The speeds respect the limits of gaps and joint ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
-        jacobian[3:] *= ROTATION_LEVER_M
+        jacobian[3:] *= ROTATION_WEIGHT_M
         positions = self._simulation.joint_positions()[self._world]
         joints = np.eye(len(self._dofs), len(self._speed_limit))
         down, up = positions - self._range[:, 0], self._range[:, 1] - positions
-        rows = np.concatenate([near.rows, joints, -joints])
+        rows = np.concatenate([near.gap_jacobian, joints, -joints])
         room = np.concatenate([near.gap_m - MIN_GAP_M, down, up])
-        least = -np.clip(room / BRAKING_TIME_S, 0.0, 10.0)
+        least = -np.clip(room / MIN_CLOSING_TIME_S, 0.0, 10.0)
         speeds = _solved(jacobian, np.concatenate([velocity_w, np.zeros(3)]), rows, least)
-        excess = np.abs(speeds / self._speed_limit).max(), np.linalg.norm(jacobian[:3] @ speeds) / SPEED_M_S
+        excess = (
+            np.abs(speeds / self._speed_limit).max(),
+            np.linalg.norm(jacobian[:3] @ speeds) / TOOL_SPEED_M_S,
+        )
         return speeds / max(1.0, *excess)
 
     def _near(self) -> SmallGaps:
@@ -200,7 +204,7 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
     Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If the dual
     programme has no solution, returns 0, which meets all constraints.
     """
-    weighed = np.linalg.inv(task.T @ task + DAMPING**2 * np.eye(task.shape[1]))
+    weighed = np.linalg.inv(task.T @ task + SPEED_DAMPING**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish
     count = len(rows)
     dual = rows @ weighed @ rows.T + REGULARIZATION * np.eye(count)

@@ -1,7 +1,8 @@
 """Withdrawal after success: the arm moves its tool a little away from the person and waits.
 
 The withdrawal begins when the task has succeeded and there is no event for ``SETTLING_TIME_S``. ``Retreat`` moves the
-tool up to ``MOUTH_DISTANCE_M`` and ``PERSON_DISTANCE_M``. The arm then does not move until the episode ends.
+tool up to ``FINAL_MOUTH_DISTANCE_M`` and ``FINAL_PERSON_DISTANCE_M``. The arm then does not move until the episode
+ends.
 """
 
 from typing import Any
@@ -15,9 +16,9 @@ from avrgym.simulation.worlds import Simulation
 
 SETTLING_TIME_S = 0.5
 """Time without an event (such as a bite or a sip) after success. After it, the withdrawal begins."""
-MOUTH_DISTANCE_M, PERSON_DISTANCE_M = 0.15, 0.06
+FINAL_MOUTH_DISTANCE_M, FINAL_PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
-WITHDRAWAL, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
+WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 """In a recording: the name of the driver in the withdrawal's control steps, and of the event at its beginning."""
 
 
@@ -32,7 +33,7 @@ class Withdrawal(PerWorldState):
         count = simulation.num_worlds
         self._retreats: dict[int, Retreat] = {}
         self._settled_steps, self._moved_steps = np.zeros(count, dtype=int), np.zeros(count, dtype=int)
-        self.driving: BoolArray = np.zeros(count, dtype=bool)
+        self.active_mask: BoolArray = np.zeros(count, dtype=bool)
         self._away: BoolArray = np.zeros(count, dtype=bool)
         self._awaits_event: BoolArray = np.zeros(count, dtype=bool)
         self._actions: FloatArray | None = None
@@ -50,14 +51,14 @@ class Withdrawal(PerWorldState):
         self._awaits_event = self._awaits_event & (events == 0)
         settled = success & (events == 0) & ~self._awaits_event
         self._settled_steps = np.where(settled, self._settled_steps + 1, 0)
-        self.driving = self.driving | (self._settled_steps >= self._settling_steps)
+        self.active_mask = self.active_mask | (self._settled_steps >= self._settling_steps)
         self._actions = None
 
     def interrupt(self, worlds: BoolArray) -> None:
         """End the withdrawal in the worlds of a mask (N,). Another withdrawal can start after the next event, such as a
         bite."""
-        ended = worlds & self.driving
-        self.driving, self._away = self.driving & ~ended, self._away & ~ended
+        ended = worlds & self.active_mask
+        self.active_mask, self._away = self.active_mask & ~ended, self._away & ~ended
         self._awaits_event = self._awaits_event | ended
         self._settled_steps, self._moved_steps = (
             np.where(ended, 0, steps) for steps in (self._settled_steps, self._moved_steps)
@@ -68,17 +69,17 @@ class Withdrawal(PerWorldState):
 
     def override(self, commanded: FloatArray) -> FloatArray:
         """Returns the actions (N, A) to execute: the withdrawal's actions where ``driving``, otherwise the commands."""
-        if not self.driving.any():
+        if not self.active_mask.any():
             return commanded
         if self._actions is None:
             self._actions = np.zeros_like(commanded)
-            for world in np.flatnonzero(self.driving & ~self._away).tolist():
+            for world in np.flatnonzero(self.active_mask & ~self._away).tolist():
                 self._actions[world] = self._action(world)
-        return np.where(self.driving[:, None], self._actions, commanded)
+        return np.where(self.active_mask[:, None], self._actions, commanded)
 
     def _action(self, world: int) -> FloatArray | float:
         """Returns the action (A,) of a world's robot; zero if its tool is far enough away."""
-        action = self._retreat(world).action()
+        action = self._retreat(world).next_action()
         if action is None:
             self._away[world] = True
             self._retreats.pop(world)
@@ -91,8 +92,8 @@ class Withdrawal(PerWorldState):
             self._retreats[world] = Retreat(
                 self._simulation,
                 world,
-                mouth_distance_m=MOUTH_DISTANCE_M,
-                person_distance_m=PERSON_DISTANCE_M,
+                mouth_distance_m=FINAL_MOUTH_DISTANCE_M,
+                person_distance_m=FINAL_PERSON_DISTANCE_M,
                 steps=int(self._moved_steps[world]),
                 step_s=self._simulation.scene.control_step_s,
             )

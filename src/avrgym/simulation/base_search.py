@@ -13,22 +13,22 @@ from numpy.typing import ArrayLike
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, kinematics, transforms
-from avrgym.geometry.kinematics import METRES_PER_RADIAN, Chain, Solution
+from avrgym.geometry.kinematics import METRES_PER_RADIAN, Chain, IKSolution
 from avrgym.geometry.transforms import norm
 from avrgym.models.robot import BaseRange
 
-CANDIDATES = 100
+NUM_CANDIDATES = 100
 """Number of candidate base poses for each world."""
-NUM_UNIFORMS = 3 * CANDIDATES
+NUM_UNIFORMS = 3 * NUM_CANDIDATES
 """Number of uniform random numbers for one world's candidates."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 """Maximum errors of position (as in Assistive Gym) and rotation at which a goal counts as reached."""
-START_ITERATIONS, START_TOLERANCE_M = 15, 0.003
+START_IK_ITERATIONS, START_IK_TOLERANCE_M = 15, 0.003
 """Iterations and tolerance of the inverse kinematics for the start pose."""
-RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
+NUM_IK_RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
 """Number of restarts of the inverse kinematics. Only worlds in which fewer candidates than the second number reach the
 start pose are restarted."""
-GOAL_ITERATIONS, GOAL_TOLERANCE_M = 10, 0.02
+GOAL_IK_ITERATIONS, GOAL_IK_TOLERANCE_M = 10, 0.02
 """Iterations and tolerance of the inverse kinematics for the goals."""
 
 
@@ -41,7 +41,7 @@ class BasePoses:
 
 
 @dataclass(frozen=True)
-class Scores:
+class CandidateScores:
     """Scores of C candidates in n worlds. All arrays are (n, C).
 
     Attributes:
@@ -53,12 +53,12 @@ class Scores:
 
     start_reached: BoolArray
     start_error_m: FloatArray
-    goals_reached: IntArray
-    isotropy: FloatArray
+    num_goals_reached: IntArray
+    isotropy_sum: FloatArray
 
 
 @dataclass(frozen=True)
-class BaseChoice:
+class BaseSearchResult:
     """The best candidate of each of n worlds.
 
     Attributes:
@@ -70,17 +70,17 @@ class BaseChoice:
         scores: scores (n, C) of all candidates.
     """
 
-    index: IntArray
-    base: BasePoses
+    candidate_index: IntArray
+    base_poses: BasePoses
     joint_positions: FloatArray
-    reached: BoolArray
-    scores: Scores
+    start_reached: BoolArray
+    scores: CandidateScores
 
 
 PathCost = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """A function that returns the costs (n, K) of K initial states of n worlds. Its arguments are the positions (n, K, 3)
 and yaw angles (n, K) of the base, and the joint positions (n, K, J)."""
-NUM_REHEARSALS = 16
+NUM_PATH_COSTS = 16
 """Number of candidates for which ``path_cost`` is computed."""
 
 
@@ -103,10 +103,10 @@ def search_base_pose(
     goal_q_w: FloatArray | None,
     seed_pose: FloatArray,
     path_cost: PathCost | None = None,
-) -> BaseChoice:
+) -> BaseSearchResult:
     """Returns the best candidate of each world: it reaches the start pose and most goals, with the highest isotropy.
 
-    With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_REHEARSALS`` candidates.
+    With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_PATH_COSTS`` candidates.
 
     A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the highest sum of
     isotropies is best. The sum is over the start pose and the reached goals; the isotropy is the joint-limit-weighted
@@ -133,40 +133,42 @@ def search_base_pose(
     merit = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world)
     index = merit.argmax(axis=-1)
     if path_cost is not None:
-        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_REHEARSALS]
+        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_PATH_COSTS]
         rows = ranked + per_world * np.arange(count)[:, None]
         cost = path_cost(bases.pos_w[rows], bases.yaw_rad[rows], arms.joint_positions[rows])
         index = ranked[np.arange(count), cost.argmin(axis=-1)]
     best = index + per_world * np.arange(count)
     arm = kinematics.inverse_kinematics(chain, pos[best], q[best], arms.joint_positions[best])
-    return BaseChoice(
-        index=index,
-        base=_rows(bases, best),
+    return BaseSearchResult(
+        candidate_index=index,
+        base_poses=_rows(bases, best),
         joint_positions=kinematics.wrap_angles(chain, arm.joint_positions),
-        reached=kinematics.is_accurate(arm),
-        scores=Scores(**{name: score.reshape(count, per_world) for name, score in vars(scores).items()}),
+        start_reached=kinematics.is_accurate(arm),
+        scores=CandidateScores(
+            **{name: score.reshape(count, per_world) for name, score in vars(scores).items()}
+        ),
     )
 
 
 def _solve_starts(
     chain: Chain, pos: FloatArray, q: FloatArray, seed_pose: FloatArray, per_world: int
-) -> Solution:
+) -> IKSolution:
     """Solves the inverse kinematics of start poses in the candidates' frames. Returns the solutions (n C,).
 
     Each world has ``per_world`` rows.
     """
     seeds = np.tile(seed_pose, (len(pos), 1))
-    arms = _solve_within_reach(chain, pos, q, seeds, START_ITERATIONS, START_TOLERANCE_M)
-    spread = kinematics.RESTART_SPREAD_RAD * chain.units
-    around = seed_pose + spread * _evenly_spread(RESTARTS * per_world, len(seed_pose))
-    for starts in around.reshape(RESTARTS, per_world, -1):
+    arms = _solve_within_reach(chain, pos, q, seeds, START_IK_ITERATIONS, START_IK_TOLERANCE_M)
+    spread = kinematics.MAX_RESTART_OFFSET_RAD * chain.joint_units
+    around = seed_pose + spread * _evenly_spread(NUM_IK_RESTARTS * per_world, len(seed_pose))
+    for starts in around.reshape(NUM_IK_RESTARTS, per_world, -1):
         reached = kinematics.is_accurate(arms).reshape(-1, per_world)
         few = reached.sum(axis=-1, keepdims=True) < MIN_REACHING_CANDIDATES
         rows = np.nonzero((few & ~reached).reshape(-1))[0]
         again = _solve_within_reach(
-            chain, pos[rows], q[rows], starts[rows % per_world], START_ITERATIONS, START_TOLERANCE_M
+            chain, pos[rows], q[rows], starts[rows % per_world], START_IK_ITERATIONS, START_IK_TOLERANCE_M
         )
-        arms = kinematics.replace_if_better(arms, again, rows)
+        arms = kinematics.replace_worse_solutions(arms, again, rows)
     return arms
 
 
@@ -186,10 +188,10 @@ def _score(
     chain: Chain,
     bases: BasePoses,
     world: IntArray,
-    arms: Solution,
+    arms: IKSolution,
     goal_pos_w: FloatArray,
     goal_q_w: FloatArray | None,
-) -> Scores:
+) -> CandidateScores:
     """Returns the scores (n C,) of base poses, given the joint positions in the start pose."""
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
@@ -202,7 +204,7 @@ def _score(
         goals_reached[rows] += arrived
         isotropy[rows] += freedom
     error = arms.position_error_m + METRES_PER_RADIAN * arms.rotation_error_rad
-    return Scores(reached, error, goals_reached, isotropy)
+    return CandidateScores(reached, error, goals_reached, isotropy)
 
 
 def _arrive(
@@ -216,19 +218,19 @@ def _arrive(
     goal. The isotropy is 0 if the goal is not reached."""
     pos = _point_from(bases, goal_pos_w)
     q = None if goal_q_w is None else _rotation_from(bases, goal_q_w)
-    arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_ITERATIONS, GOAL_TOLERANCE_M)
+    arms = _solve_within_reach(chain, pos, q, joint_positions, GOAL_IK_ITERATIONS, GOAL_IK_TOLERANCE_M)
     arrived = (arms.position_error_m < GOAL_ACCURACY_M) & (arms.rotation_error_rad < GOAL_ACCURACY_RAD)
     isotropy = np.zeros(len(pos))
     isotropy[arrived] = kinematics.isotropy(chain, arms.joint_positions[arrived])
     return arrived, isotropy
 
 
-def _merit(scores: Scores, goals: int) -> FloatArray:
+def _merit(scores: CandidateScores, goals: int) -> FloatArray:
     """Returns a merit of each candidate; higher is better.
 
     One more goal always counts more than the sum of isotropies, because each isotropy is at most 1.
     """
-    merit = scores.goals_reached * (goals + 2.0) + scores.isotropy
+    merit = scores.num_goals_reached * (goals + 2.0) + scores.isotropy_sum
     return np.where(scores.start_reached, merit, -scores.start_error_m)
 
 
@@ -239,12 +241,12 @@ def _solve_within_reach(
     start: FloatArray,
     iterations: int,
     tolerance: float,
-) -> Solution:
+) -> IKSolution:
     """Returns solutions of the inverse kinematics. Poses out of reach are not solved.
 
     For them, the position error is the missing reach, and the rotation error is π.
     """
-    beyond_m = norm(pos - chain.pos[0]) - kinematics.reach_m(chain)
+    beyond_m = norm(pos - chain.body_pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]
     found = kinematics.inverse_kinematics(
         chain, pos[rows], None if q is None else q[rows], start[rows],
@@ -253,7 +255,7 @@ def _solve_within_reach(
     angles, position_error, rotation_error = start.copy(), beyond_m, np.full(len(pos), np.pi)
     angles[rows] = found.joint_positions
     position_error[rows], rotation_error[rows] = found.position_error_m, found.rotation_error_rad
-    return Solution(angles, position_error, rotation_error)
+    return IKSolution(angles, position_error, rotation_error)
 
 
 def _point_from(bases: BasePoses, pos_w: FloatArray) -> FloatArray:

@@ -12,12 +12,12 @@ from avrgym.geometry.arrays import constant_like
 from avrgym.models import human, robot
 from avrgym.models.drive import DRIVE_JOINTS, DRIVE_SERVOS
 from avrgym.models.scene import (
-    ANY_CONTACT_SENSOR,
-    ANY_FORCE_SENSOR,
-    EFFECTOR_VELOCITY_SENSOR,
+    END_EFFECTOR_VELOCITY_SENSOR,
+    PERSON_CONTACT_SENSOR,
+    PERSON_FORCE_SENSOR,
     ROBOT_CONTACT_SENSOR,
     ROBOT_FORCE_SENSOR,
-    TOOL,
+    SCENE_TOOL_BODY,
     TOOL_CONTACT_SENSOR,
     TOOL_FORCE_SENSOR,
     TOOL_VELOCITY_SENSOR,
@@ -39,15 +39,15 @@ class ModelAddresses:
         self.drive_ctrl = actuator_ids(model, [robot.PREFIX + servo for servo in DRIVE_SERVOS if drives])
         self.robot_base = model.body(robot.PREFIX + scene.robot.base).id
         self.robot_torso = model.body(robot.PREFIX + scene.robot.torso).id
-        self.tool = model.body(TOOL).id
-        self.pad = model.body(robot.PREFIX + scene.tool.pad).id
+        self.tool = model.body(SCENE_TOOL_BODY).id
+        self.pad = model.body(robot.PREFIX + scene.tool.contact_body).id
         self.head = model.body(human.PREFIX + "head").id
         self.hips = model.body(human.PREFIX + "hips").id
         self.right_arm, self.left_arm = (
             np.array([model.body(human.PREFIX + name).id for name in arm])
-            for arm in (human.RIGHT_ARM, human.LEFT_ARM)
+            for arm in (human.RIGHT_ARM_BODIES, human.LEFT_ARM_BODIES)
         )
-        self.placed = {name: model.body(name).id for name in scene.movable_bodies}
+        self.movable_bodies = {name: model.body(name).id for name in scene.movable_bodies}
         self.head_centre = model.site(human.PREFIX + "head_centre").id
         self.mouth = model.site(human.PREFIX + "mouth").id
         self.person_geoms = np.array([model.geom(human.PREFIX + name).id for name in human.GEOMS])
@@ -64,9 +64,9 @@ class ModelAddresses:
         self.tool_force = _sensor(model, TOOL_FORCE_SENSOR)
         self.robot_contacts = _sensor(model, ROBOT_CONTACT_SENSOR)
         self.tool_contacts = _sensor(model, TOOL_CONTACT_SENSOR)
-        self.any_force = _sensor(model, ANY_FORCE_SENSOR) if cloth else slice(0)
-        self.any_contacts = _sensor(model, ANY_CONTACT_SENSOR) if cloth else slice(0)
-        self.effector_velocity = _sensor(model, EFFECTOR_VELOCITY_SENSOR)
+        self.any_force = _sensor(model, PERSON_FORCE_SENSOR) if cloth else slice(0)
+        self.any_contacts = _sensor(model, PERSON_CONTACT_SENSOR) if cloth else slice(0)
+        self.effector_velocity = _sensor(model, END_EFFECTOR_VELOCITY_SENSOR)
         self.tool_velocity = _sensor(model, TOOL_VELOCITY_SENSOR)
 
     def to_device_of(self, array: Any) -> "ModelAddresses":
@@ -81,12 +81,13 @@ class ModelAddresses:
 class MimicJoint(NamedTuple):
     """A joint that mimics another joint, the leader. Its position is a polynomial of the leader's position.
 
-    ``qpos`` and ``leader_qpos`` are the indices of both joints in MuJoCo's qpos. ``polynomial``: coefficients (5,).
+    ``qpos`` and ``leader_qpos_index`` are the indices of both joints in MuJoCo's qpos. ``polynomial``: coefficients
+    (5,).
     """
 
-    qpos: int
-    leader_qpos: int
-    polynomial: FloatArray
+    qpos_index: int
+    leader_qpos_index: int
+    polynomial_coefficients: FloatArray
 
 
 def _followers(model: mujoco.MjModel) -> tuple[MimicJoint, ...]:

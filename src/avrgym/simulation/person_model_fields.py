@@ -21,13 +21,13 @@ class PersonModelFields:
         self._body_mass_kg = scene.body_mass_kg
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
-        self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODY}
+        self._sites = {name: model.site(human.PREFIX + name).id for name in human.SITE_BODIES}
         self._body_pos, self._body_quat = batch.expand("body_pos"), batch.expand("body_quat")
         self._geom_pos, self.geom_size = batch.expand("geom_pos"), batch.expand("geom_size")
         self._site_pos = batch.expand("site_pos")
         self._ids = np.array([*self._bodies.values()])
         self._inverse_mass = batch.expand("body_invweight0")
-        self._mass_share = human.mass_shares()
+        self._mass_share = human.body_mass_shares()
         self._mass = batch.expand("body_mass")
         if moving:
             self._inertia = {name: batch.expand(name) for name in INERTIAL_FIELDS}
@@ -38,7 +38,7 @@ class PersonModelFields:
 
     def write(self, ids: IntArray, people: People) -> None:
         """Write the model fields of ``people`` (n,) into the models of worlds ``ids`` (n,)."""
-        layout = human.layout_of_people(people, self._posture)
+        layout = human.body_layout_of_people(people, self._posture)
         for name, body in self._bodies.items():
             self._body_pos[ids, body] = layout.body_pos[name]
         for name, geom in self._geoms.items():
@@ -59,11 +59,11 @@ class PersonModelFields:
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
         """Set the compliance of contacts with people in worlds ``ids`` (n,). Call this method after ``set_const``."""
-        self._inverse_mass[ids[:, None], self._ids, 0] += compliance.INVERSE_MASS_PER_KG
+        self._inverse_mass[ids[:, None], self._ids, 0] += compliance.PERSON_INVERSE_MASS_PER_KG
 
     def _write_dynamics(self, ids: IntArray, people: People, kg: FloatArray) -> None:
         for row, world in enumerate(ids):
-            person = people.person(row)
+            person = people.person_at(row)
             inertia = _inertia(
                 person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
             )
@@ -73,7 +73,7 @@ class PersonModelFields:
                 for name in ("body_mass", "body_inertia"):
                     self._inertia[name][world, self._ids] *= self._body_mass_kg / kg[row]
         torque = compliance.person_torque_limit_n_m(
-            people.strength_share.reshape(len(ids), -1) * human.TORQUE_N_M, people.tremor_rad
+            people.strength_share.reshape(len(ids), -1) * human.JOINT_TORQUE_LIMITS_N_M, people.tremor_rad
         )
         limits = np.stack([-torque, torque], axis=-1) * people.torque_share
         self._force_range[ids[:, None], self._actuators] = limits

@@ -13,20 +13,20 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry.transforms import norm
 from avrgym.models import collision_bits, human
 from avrgym.models.collision_bits import CollisionBits
-from avrgym.models.human import LEFT_ARM, RIGHT_ARM
-from avrgym.models.task_frame import opposite
-from avrgym.people.arm_clearance import CHECKED_PAIRS
+from avrgym.models.human import LEFT_ARM_BODIES, RIGHT_ARM_BODIES
+from avrgym.models.task_frame import opposite_side_name
+from avrgym.people.arm_clearance import CHECKED_CAPSULE_PAIRS
 
-Clearances = dict[tuple[int, int], float]
+MinClearances = dict[tuple[int, int], float]
 """Minimum distance of each pair of geoms in metres, by their ids."""
 
-PERSON_CLEARANCE_M = 0.01
+MIN_PERSON_CLEARANCE_M = 0.01
 """Minimum clearance of robot, tool and particles from the person."""
-FURNITURE_CLEARANCE_M = 0.005
+MIN_FURNITURE_CLEARANCE_M = 0.005
 """Minimum clearance of robot, tool and particles from furniture."""
-TREMOR_CLEARANCE_M = 0.03
+EXTRA_TREMOR_CLEARANCE_M = 0.03
 """Additional clearance for people with tremor, because their limbs overshoot."""
-PADDING_DEPTH_M = 0.02
+MAX_PADDING_DEPTH_M = 0.02
 """Maximum penetration of a person's arms into furniture, because armrests and mattresses are soft. Seat and backrest
 are not checked."""
 
@@ -41,7 +41,7 @@ class NoClearanceError(ValueError):
 
 
 @dataclass(frozen=True)
-class Geoms:
+class WorldGeoms:
     """All geoms of n worlds, world frame: centres (n, G, 3), rotation matrices (n, G, 9) by row, sizes (n, G, 3)."""
 
     pos_w: FloatArray
@@ -50,23 +50,23 @@ class Geoms:
 
 
 @dataclass(frozen=True)
-class Conflict:
+class ClearanceConflict:
     """Two bodies that are too close. ``gap_m``: their distance, negative if they overlap.
 
-    ``clearance_m``: the minimum distance.
+    ``min_clearance_m``: the minimum distance.
     """
 
     body1: str
     body2: str
     gap_m: float
-    clearance_m: float
+    min_clearance_m: float
 
     def __str__(self) -> str:
         where = f"{100.0 * abs(self.gap_m):.1f} cm {'inside' if self.gap_m < 0.0 else 'from'}"
         return f"{self.body1} is {where} {self.body2}"
 
 
-class StartClearance:
+class StartClearanceChecker:
     """Measures the gaps between all bodies of a scene that must not overlap in the initial state."""
 
     def __init__(
@@ -94,7 +94,9 @@ class StartClearance:
         self._first, self._second = np.array([*self._pairs]).T
         self._clearance_m = np.array([*self._pairs.values()])
 
-    def conflicts(self, geoms: Geoms, *, extra_clearance_m: float | None = None) -> list[Conflict | None]:
+    def find_conflicts(
+        self, geoms: WorldGeoms, *, extra_clearance_m: float | None = None
+    ) -> list[ClearanceConflict | None]:
         """Returns for each of n worlds the pair of bodies that is farthest below its minimum clearance, or ``None``.
 
         With ``extra_clearance_m``, only pairs of robot and person are checked. This distance is added to their minimum
@@ -112,8 +114,8 @@ class StartClearance:
         ]
 
     def _conflict(
-        self, geoms: Geoms, world: int, pairs: IntArray, clearance_m: FloatArray
-    ) -> Conflict | None:
+        self, geoms: WorldGeoms, world: int, pairs: IntArray, clearance_m: FloatArray
+    ) -> ClearanceConflict | None:
         """Returns the pair of ``pairs`` that is farthest below its minimum clearance; ``None`` if there is no such
         pair."""
         if not len(pairs):
@@ -127,7 +129,7 @@ class StartClearance:
             return None
         pair = pairs[worst]
         names = self._name(self._first[pair]), self._name(self._second[pair])
-        return Conflict(*names, float(gaps[worst]), float(clearance_m[pair]))
+        return ClearanceConflict(*names, float(gaps[worst]), float(clearance_m[pair]))
 
     def _gap_m(self, pair: int, up_to_m: float) -> float:
         first, second = int(self._first[pair]), int(self._second[pair])
@@ -149,18 +151,18 @@ def _bounding_radius_m(geom_types: NDArray[np.int32], size_m: FloatArray) -> Flo
     )
 
 
-def _robot_to_person(model: mujoco.MjModel) -> Clearances:
+def _robot_to_person(model: mujoco.MjModel) -> MinClearances:
     """Returns the minimum clearances of robot, tool and particles from the person."""
-    return _pairs(_robot(model), _geoms(model, collision_bits.PERSON), PERSON_CLEARANCE_M)
+    return _pairs(_robot(model), _geoms(model, collision_bits.PERSON), MIN_PERSON_CLEARANCE_M)
 
 
-def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> Clearances:
+def _robot_to_furniture(model: mujoco.MjModel, base: str | None) -> MinClearances:
     """Returns the minimum clearances of robot, tool and particles from furniture. A mounted base is excluded."""
     loose = [geom for geom in _robot(model) if _body(model, geom) != base]
-    return _pairs(loose, _geoms(model, collision_bits.FURNITURE), FURNITURE_CLEARANCE_M)
+    return _pairs(loose, _geoms(model, collision_bits.FURNITURE), MIN_FURNITURE_CLEARANCE_M)
 
 
-def _robot_to_itself(model: mujoco.MjModel) -> Clearances:
+def _robot_to_itself(model: mujoco.MjModel) -> MinClearances:
     """Returns the minimum clearances (0) between the links of a robot, in a scene with self-collision."""
     links = [
         geom
@@ -196,28 +198,30 @@ def _robot(model: mujoco.MjModel) -> list[int]:
     ]
 
 
-def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirrored: bool) -> Clearances:
+def _arms_to_furniture(model: mujoco.MjModel, *, arms: bool, offered: bool, mirrored: bool) -> MinClearances:
     """Returns the minimum clearances of the arms from furniture, and of an offered arm from the rest of the body."""
     furniture = _geoms(model, collision_bits.FURNITURE)
     limbs = [f"{side}_{part}" for side in ("right", "left") for part in ("upper_arm", "forearm", "hand")]
-    clearances = _pairs(_parts(model, limbs), furniture, -PADDING_DEPTH_M) if arms else {}
+    clearances = _pairs(_parts(model, limbs), furniture, -MAX_PADDING_DEPTH_M) if arms else {}
     if offered:
         kept_free = _geoms(model, collision_bits.NO_COLLISION)
         clearances |= _pairs(
-            _parts(model, LEFT_ARM if mirrored else RIGHT_ARM), [*furniture, *kept_free], 0.0
+            _parts(model, LEFT_ARM_BODIES if mirrored else RIGHT_ARM_BODIES), [*furniture, *kept_free], 0.0
         )
-        pairs = CHECKED_PAIRS
+        pairs = CHECKED_CAPSULE_PAIRS
         if mirrored:
-            pairs = tuple((opposite(part), opposite(other)) for part, other in pairs)
+            pairs = tuple((opposite_side_name(part), opposite_side_name(other)) for part, other in pairs)
         clearances |= _named_pairs(model, pairs, 0.0)
     return clearances
 
 
-def _named_pairs(model: mujoco.MjModel, pairs: Iterable[tuple[str, str]], clearance_m: float) -> Clearances:
+def _named_pairs(
+    model: mujoco.MjModel, pairs: Iterable[tuple[str, str]], clearance_m: float
+) -> MinClearances:
     return {(_parts(model, [first])[0], _parts(model, [second])[0]): clearance_m for first, second in pairs}
 
 
-def _pairs(first: Iterable[int], second: Sequence[int], clearance_m: float) -> Clearances:
+def _pairs(first: Iterable[int], second: Sequence[int], clearance_m: float) -> MinClearances:
     return {(a, b): clearance_m for a in first for b in second}
 
 

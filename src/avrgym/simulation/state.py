@@ -8,7 +8,7 @@ from avrgym.models.human import People
 
 
 @dataclass(frozen=True)
-class RightArm:
+class RightArmPoses:
     """Poses of upper arm, forearm and hand: positions of shoulder, elbow and wrist (N, 3, 3), quaternions (N, 3, 4).
 
     World frame, metres.
@@ -19,15 +19,15 @@ class RightArm:
 
 
 @dataclass(frozen=True)
-class Arms(RightArm):
-    """Poses of the right and the left arm, as in ``RightArm``."""
+class ArmPoses(RightArmPoses):
+    """Poses of the right and the left arm, as in ``RightArmPoses``."""
 
     left_arm_pos_w: FloatArray
     left_arm_q_w: FloatArray
 
 
 @dataclass(frozen=True)
-class State(Arms):
+class State(ArmPoses):
     """The state of N worlds at one instant; metres, seconds, radians, newtons, world frame.
 
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``
@@ -36,7 +36,7 @@ class State(Arms):
     people, see ``Tool``. ``placed_pos_w`` contains the positions of the scene's movable furniture, by body.
     ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of ``human.GEOMS``:
     ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their radii.
-    ``tool_contact_*`` (N, ``TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused rows have
+    ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused rows have
     force zero. Normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the tool's
     cloth.
 
@@ -75,7 +75,7 @@ class State(Arms):
 
 
 @dataclass(frozen=True)
-class Start:
+class InitialState:
     """The initial state of n worlds; world frame.
 
     Attributes:
@@ -92,4 +92,4 @@ class Start:
     robot_q_w: FloatArray
     joint_positions: FloatArray
     placed_pos_w: Mapping[str, FloatArray]
-    tool_error_m: FloatArray | None = None
+    tool_position_error_m: FloatArray | None = None

@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.array_types import BoolArray
 
 
-def without_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
+def remove_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
     """Returns a copy of a model without gravity compensation and contact bits that have no effect.
 
     Gravity compensation has no effect on a body that is fixed to the world. A geom never makes contact if all geoms

@@ -18,34 +18,42 @@ from avrgym.models import compliance, human, robot
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.human import Person
 from avrgym.models.scene import (
-    ANY_CONTACTS,
     CONTROL_STEP_S,
-    ROBOT_CONTACTS,
-    SUBSTEPS,
-    TOOL_CONTACTS,
+    DEFAULT_SUBSTEPS,
+    MAX_PERSON_CONTACTS,
+    MAX_ROBOT_CONTACTS,
+    MAX_TOOL_CONTACTS,
     SceneConfig,
-    build_spec,
+    build_scene_spec,
 )
 from avrgym.safety.brakes import Brakes
 from avrgym.safety.region_forces import RegionForceSensors, add_region_sensors
-from avrgym.simulation.engines.engine import Arrays, make_engine
+from avrgym.simulation.engines.engine import WorldArrays, make_engine
 from avrgym.simulation.model_addresses import ModelAddresses
 from avrgym.simulation.person_model_fields import PersonModelFields
-from avrgym.simulation.start_clearance import Geoms
-from avrgym.simulation.state import Arms, RightArm, Start, State
-from avrgym.simulation.unused_computation import without_unused_computation
+from avrgym.simulation.start_clearance import WorldGeoms
+from avrgym.simulation.state import ArmPoses, InitialState, RightArmPoses, State
+from avrgym.simulation.unused_computation import remove_unused_computation
 from avrgym.system.engines import THREADS
-from avrgym.system.memory import return_large_blocks
+from avrgym.system.memory import set_mmap_threshold
 
-__all__ = ["MAX_LEAD_RAD", "REMOVED_PARTICLE_POS_W", "Arms", "RightArm", "Simulation", "Start", "State"]
+__all__ = [
+    "MAX_SERVO_LEAD_RAD",
+    "REMOVED_PARTICLE_POS_W",
+    "ArmPoses",
+    "InitialState",
+    "RightArmPoses",
+    "Simulation",
+    "State",
+]
 
 
-MAX_LEAD_RAD = 0.08
+MAX_SERVO_LEAD_RAD = 0.08
 """Maximum difference between a servo's target and the joint position. It limits the force of a blocked servo. For slide
 joints, see ``kinematics.joint_units``."""
 
 
-BASE_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
+BASE_JOINT_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 """Types of the joints of ``Simulation.base_displacement``."""
 REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
 """Position of removed particles: far from everything, weightless, without contacts."""
@@ -56,8 +64,8 @@ def _compiled(
     scene: SceneConfig, moving: bool, by_region: bool, interpolate_person_targets: bool
 ) -> mujoco.MjModel:
     """Returns the scene's compiled model, see ``Simulation``. The model is cached: copy it before you change it."""
-    spec = build_spec(scene, Person(), moving=moving, appearance=False)
-    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_LEAD_RAD)
+    spec = build_scene_spec(scene, Person(), moving=moving, appearance=False)
+    compliance.limit_contact_forces(spec, scene.arm, scene.tool, MAX_SERVO_LEAD_RAD)
     if by_region:
         add_region_sensors(spec, scene)
     if interpolate_person_targets:
@@ -89,7 +97,7 @@ class Simulation:
             num_threads: threads of the host; 0: one per core.
             by_region: whether ``region_force_n`` is measured. The measurement takes time and changes no other result.
             interpolate_person_targets: whether joint targets of moving people are interpolated, see ``command_person``.
-            engine: where physics runs, one of ``engines.engine.ENGINES``. Brakes and live sessions need threads.
+            engine: where physics runs, one of ``engines.engine.ENGINE_CHOICES``. Brakes and live sessions need threads.
             on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
                 on the host.
 
@@ -109,11 +117,11 @@ class Simulation:
         self._gliding = interpolate_person_targets
         self.model = copy(_compiled(scene, moving, by_region, interpolate_person_targets))
         self.bodies = tuple(self.model.body(body).name for body in range(1, self.model.nbody))
-        return_large_blocks()
-        engine_model = without_unused_computation(self.model)
+        set_mmap_threshold()
+        engine_model = remove_unused_computation(self.model)
         self.engine = make_engine(engine, engine_model, num_worlds, num_threads, on_device=on_device)
-        self.batch, self._now = self.engine.batch, self.engine.now
-        self._host = Arrays.of(self.batch)
+        self.batch, self._now = self.engine.batch, self.engine.world_arrays
+        self._host = WorldArrays.from_batch(self.batch)
         self._names = ModelAddresses(self.model, scene)
         self._at = self._names.to_device_of(self.example_array)
         self._person = PersonModelFields(self.batch, scene, moving)
@@ -125,9 +133,9 @@ class Simulation:
         self._drive = scene.robot.drive
         types = [self.model.joint(robot.PREFIX + joint).type[0] for joint in scene.arm.joints]
         units = kinematics.joint_units(types)
-        self._max_lead = MAX_LEAD_RAD * units
-        of_base = kinematics.joint_units(BASE_TYPES if self._drive is not None else ())
-        self.units = np.concatenate([units, of_base])
+        self._max_lead = MAX_SERVO_LEAD_RAD * units
+        of_base = kinematics.joint_units(BASE_JOINT_TYPES if self._drive is not None else ())
+        self.configuration_units = np.concatenate([units, of_base])
         """Units of the joint positions in a configuration, see ``kinematics.Chain.units``."""
         self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
@@ -137,14 +145,14 @@ class Simulation:
         """An example array with the device and data type of states and commands."""
         return self._now.qpos
 
-    def reset(self, ids: IntArray, start: Start) -> None:
+    def reset(self, ids: IntArray, start: InitialState) -> None:
         """Set worlds ``ids`` (n,) to the initial states ``start``.
 
         All bodies are at rest, particles are on the tool, and servo targets are the joint positions.
         """
         self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE)
         names, host = self._names, self._host
-        for name, body in names.placed.items():
+        for name, body in names.movable_bodies.items():
             self._body_pos[ids, body] = start.placed_pos_w[name]
         self._body_pos[ids, names.robot_base] = start.robot_pos_w
         self._body_quat[ids, names.robot_base] = start.robot_q_w
@@ -153,9 +161,9 @@ class Simulation:
         self._person.make_contacts_compliant(ids)
         host.qpos[np.ix_(ids, names.arm_qpos)] = start.joint_positions
         for joint in names.mimic_joints:
-            leader = host.qpos[ids, joint.leader_qpos]
-            host.qpos[ids, joint.qpos] = sum(
-                share * leader**power for power, share in enumerate(joint.polynomial)
+            leader = host.qpos[ids, joint.leader_qpos_index]
+            host.qpos[ids, joint.qpos_index] = sum(
+                share * leader**power for power, share in enumerate(joint.polynomial_coefficients)
             )
         host.act[np.ix_(ids, names.arm_act)] = start.joint_positions
         if self.moving:
@@ -168,7 +176,7 @@ class Simulation:
         self.batch.forward(ids)
         self._show_person(ids)
         self.engine.copy_from_host(ids)
-        self._now = self.engine.now
+        self._now = self.engine.world_arrays
 
     def _show_person(self, ids: IntArray) -> None:
         """Copies sizes and positions of the people's capsules in worlds ``ids`` (n,) to the device of the states."""
@@ -177,12 +185,12 @@ class Simulation:
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
         self._segment_w[ids] = to_device_of(segment_w, self._segment_w)
 
-    def geoms(self, ids: IntArray) -> Geoms:
+    def geoms(self, ids: IntArray) -> WorldGeoms:
         """Returns all geoms of worlds ``ids`` (n,)."""
         host = self._host
-        return Geoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
+        return WorldGeoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
 
-    def pose_people(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
+    def set_people_joint_angles(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
         """Set the joint angles (n, 20) of moving people in worlds ``ids`` (n,), without motion."""
         self._host.qpos[np.ix_(ids, self._names.person_qpos)] = joint_angles_rad
         self.batch.forward(ids)
@@ -259,7 +267,7 @@ class Simulation:
         else:
             self._now.ctrl[np.nonzero(world_mask)[0][:, None], self._names.person_ctrl] = command[world_mask]
 
-    def step(self, substeps: int = SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
+    def step(self, substeps: int = DEFAULT_SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
         """Advance all worlds by physics steps. Forces are from the last step, positions from its end.
 
         ``person_targets_rad`` (``substeps``, N, 20): targets of the servos of moving people for each physics step. They
@@ -269,15 +277,15 @@ class Simulation:
             self.engine.step(substeps)
         else:
             self.engine.step_with_controls(self._at.person_ctrl, person_targets_rad)
-        self._now = self.engine.now
+        self._now = self.engine.world_arrays
 
-    def check(self) -> None:
+    def check_overflow(self) -> None:
         """Check all steps since the last check for overflow. On a device, call this method once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
         """
-        self.engine.check()
+        self.engine.check_overflow()
 
     def remove_particles(self, removed: BoolArray) -> None:
         """Move the particles of the mask ``removed`` (N, K) to ``REMOVED_PARTICLE_POS_W``, and cancel their weight."""
@@ -297,14 +305,14 @@ class Simulation:
         """Returns the state of all worlds, in new arrays."""
         at, now = self._at, self._now
         sensors, xp = now.sensordata, namespace(now.sensordata)
-        by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, TOOL_CONTACTS, 9)
-        by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, ROBOT_CONTACTS, 3)
+        by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, MAX_TOOL_CONTACTS, 9)
+        by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, MAX_ROBOT_CONTACTS, 3)
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
         links_force_n = xp.clip(total_force_n - _added_up(tool_contact_force_n), 0.0, None)
         robot_force, tool_force = sensors[:, at.robot_force], sensors[:, at.tool_force]
         cloth_force_n = xp.zeros_like(total_force_n)
         if self.scene.tool.cloth is not None:
-            by_any = sensors[:, at.any_contacts].reshape(self.num_worlds, ANY_CONTACTS, 3)
+            by_any = sensors[:, at.any_contacts].reshape(self.num_worlds, MAX_PERSON_CONTACTS, 3)
             any_force, any_force_n = sensors[:, at.any_force], _added_up(norm(by_any))
             cloth_force_n = xp.clip(any_force_n - total_force_n, 0.0, None)
             robot_force, tool_force = any_force, tool_force + any_force - robot_force
@@ -322,8 +330,8 @@ class Simulation:
             head_pos_w=float_copy(now.site_xpos[:, at.head_centre]),
             head_q_w=float_copy(now.xquat[:, at.head]),
             mouth_pos_w=float_copy(now.site_xpos[:, at.mouth]),
-            **vars(self.arms()),
-            placed_pos_w={name: float_copy(now.xpos[:, body]) for name, body in at.placed.items()},
+            **vars(self.arm_poses()),
+            placed_pos_w={name: float_copy(now.xpos[:, body]) for name, body in at.movable_bodies.items()},
             particle_pos_w=now.qpos[:, at.particle_qpos],
             particle_velocity_w=now.qvel[:, at.particle_dof],
             cloth_pos_w=now.qpos[:, at.cloth_qpos],
@@ -353,12 +361,14 @@ class Simulation:
             )
         return self._region_forces.read_forces_n()
 
-    def arms(self) -> Arms:
+    def arm_poses(self) -> ArmPoses:
         """Returns the poses of the people's arms, in new arrays."""
         pos_w, q_w, at = self._now.xpos, self._now.xquat, self._at
-        return Arms(pos_w[:, at.right_arm], q_w[:, at.right_arm], pos_w[:, at.left_arm], q_w[:, at.left_arm])
+        return ArmPoses(
+            pos_w[:, at.right_arm], q_w[:, at.right_arm], pos_w[:, at.left_arm], q_w[:, at.left_arm]
+        )
 
-    def hips(self) -> tuple[FloatArray, FloatArray]:
+    def hips_pose(self) -> tuple[FloatArray, FloatArray]:
         """Returns the poses of the people's hips: positions (N, 3), quaternions (N, 4), world frame."""
         body = self._names.hips
         return self._now.xpos[:, body].copy(), self._now.xquat[:, body].copy()
@@ -377,7 +387,7 @@ class Simulation:
 
     def placed_pos_w(self) -> dict[str, FloatArray]:
         """Returns the positions (N, 3) of the scene's movable furniture, by body, world frame."""
-        return {name: self._body_pos[:, body].copy() for name, body in self._names.placed.items()}
+        return {name: self._body_pos[:, body].copy() for name, body in self._names.movable_bodies.items()}
 
     def joint_positions(self) -> FloatArray:
         """Returns the joint positions of the arm, (N, J), rad or m."""
@@ -411,12 +421,12 @@ class Simulation:
         return np.concatenate([share, motion / (duration_s * self._drive.speed_limit)], axis=-1)
 
     def joint_targets(self) -> FloatArray:
-        """Returns the targets (N, J) of the arm's servos, at most ``MAX_LEAD_RAD`` from the joint positions."""
+        """Returns the targets (N, J) of the arm's servos, at most ``MAX_SERVO_LEAD_RAD`` from the joint positions."""
         positions, targets = self.joint_positions(), self._now.act[:, self._at.arm_act]
         lead = constant_like(self._max_lead, targets)
         return namespace(targets).clip(targets, positions - lead, positions + lead)
 
-    def controls(self) -> FloatArray:
+    def servo_commands(self) -> FloatArray:
         """Returns the inputs (N, nu) of all servos, MuJoCo's ``ctrl``."""
         return float_copy(self._now.ctrl)
 
@@ -457,7 +467,7 @@ class Simulation:
         self._segment_w[:] = to_device_of(snapshot["worlds"]["segment_w"], self._segment_w)
         self.engine.copy_from_host(everywhere)
         forces = snapshot["worlds"]["sensordata"].copy()  # the last step is not repeated
-        self._now = replace(self.engine.now, sensordata=to_device_of(forces, self.example_array))
+        self._now = replace(self.engine.world_arrays, sensordata=to_device_of(forces, self.example_array))
 
     def _expanded(self) -> dict[str, NumpyArray]:
         """Returns the model fields that differ between worlds, by name."""
@@ -475,7 +485,7 @@ class Simulation:
         poses[:, :3], poses[:, 3:] = to_numpy(self._now.xpos[world, 1:]), to_numpy(self._now.xquat[world, 1:])
         return poses
 
-    def person_angles_rad(self) -> FloatArray:
+    def person_joint_angles_rad(self) -> FloatArray:
         """Returns the joint angles (N, 20) of moving people."""
         return self._now.qpos[:, self._at.person_qpos]
 
@@ -484,7 +494,7 @@ class Simulation:
 
 
 def _segments(
-    arrays: Arrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
+    arrays: WorldArrays, geoms: IntArray, half_length_m: FloatArray, ids: IntArray | slice = slice(None)
 ) -> FloatArray:
     """Returns the axis ends (n, G, 2, 3) of capsules with half lengths (n, G, 1) in worlds ``ids`` (n,)."""
     axis, centre = arrays.geom_xmat[ids][:, geoms, 2::3], arrays.geom_xpos[ids][:, geoms]

@@ -10,20 +10,24 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Literal
 
-from avrgym.policies.names import OPERATOR
-from avrgym.policies.registry import named_policies
+from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.registry import policy_names
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
-Kind = Literal["task", "robot", "controller"]
-TEMPLATES: Mapping[Kind, str] = {"task": "TouchElbow", "robot": "ExampleArm", "controller": "WaveArm"}
+PackageKind = Literal["task", "robot", "controller"]
+TEMPLATE_NAMES: Mapping[PackageKind, str] = {
+    "task": "TouchElbow",
+    "robot": "ExampleArm",
+    "controller": "WaveArm",
+}
 """Name of the example in each template. The new name replaces it."""
-TEMPLATE_FILES = (".md", ".py", ".toml", ".xml")
+TEMPLATE_SUFFIXES = (".md", ".py", ".toml", ".xml")
 """Suffixes of template files. Installers add files with other suffixes, such as compiled Python files."""
-NAME = re.compile(r"[A-Z][A-Za-z0-9]*")
+NAME_PATTERN = re.compile(r"[A-Z][A-Za-z0-9]*")
 
 
-def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]:
+def write_skeleton(kind: PackageKind, name: str, out: Path | None = None) -> list[Path]:
     """Write a package with a task, a robot or a controller.
 
     Args:
@@ -39,7 +43,7 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
         OSError: if a file cannot be written; partial output is removed.
     """
     check_name(kind, name)
-    folder = out or Path(distribution(name))
+    folder = out or Path(distribution_name(name))
     try:
         folder.mkdir()
     except FileExistsError:
@@ -51,38 +55,38 @@ def write_skeleton(kind: Kind, name: str, out: Path | None = None) -> list[Path]
         raise
 
 
-def check_name(kind: Kind, name: str) -> None:
+def check_name(kind: PackageKind, name: str) -> None:
     """Raise ``ValueError`` for an invalid or used name of a task, robot or controller."""
-    if not NAME.fullmatch(name) or not name.isascii():
+    if not NAME_PATTERN.fullmatch(name) or not name.isascii():
         raise ValueError(
             f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and "
             f"digits, such as LiftArm"
         )
-    if (distribution(name) if kind == "controller" else name) in _taken(kind):
+    if (distribution_name(name) if kind == "controller" else name) in _taken(kind):
         raise ValueError(f"there is already a {kind} {name}; allowed: another name")
-    if keyword.iskeyword(module(name)) or importlib.util.find_spec(module(name)) is not None:
+    if keyword.iskeyword(module_name(name)) or importlib.util.find_spec(module_name(name)) is not None:
         raise ValueError(
-            f"a Python module {module(name)} already exists; allowed: a name without an existing module"
+            f"a Python module {module_name(name)} already exists; allowed: a name without an existing module"
         )
 
 
-def _taken(kind: Kind) -> Collection[str]:
+def _taken(kind: PackageKind) -> Collection[str]:
     if kind == "controller":
-        return (*named_policies(next(iter(ENVIRONMENTS))), OPERATOR)
+        return (*policy_names(next(iter(ENVIRONMENTS))), OPERATOR_POLICY)
     return TASKS if kind == "task" else ROBOTS
 
 
-def module(name: str) -> str:
+def module_name(name: str) -> str:
     """Returns the module name of a task, robot or controller: ``lift_arm`` for ``LiftArm``."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", name).lower()
 
 
-def distribution(name: str) -> str:
+def distribution_name(name: str) -> str:
     """Returns the package name of a task, robot or controller: ``lift-arm`` for ``LiftArm``."""
-    return module(name).replace("_", "-")
+    return module_name(name).replace("_", "-")
 
 
-def _written(kind: Kind, name: str, folder: Path) -> Iterator[Path]:
+def _written(kind: PackageKind, name: str, folder: Path) -> Iterator[Path]:
     template = files("avrgym.skeletons").joinpath("templates", kind)
     for parts, text in _texts(template):
         path = folder.joinpath(*(_renamed(part, kind, name) for part in parts))
@@ -96,12 +100,12 @@ def _texts(folder: Traversable, *parents: str) -> Iterator[tuple[tuple[str, ...]
     for each in sorted(folder.iterdir(), key=lambda each: each.name):
         if each.is_dir():
             yield from _texts(each, *parents, each.name)
-        elif each.name.endswith(TEMPLATE_FILES):
+        elif each.name.endswith(TEMPLATE_SUFFIXES):
             yield (*parents, each.name), each.read_text("utf-8")
 
 
-def _renamed(text: str, kind: Kind, name: str) -> str:
-    template = TEMPLATES[kind]
-    for spelt in (str, module, distribution):
+def _renamed(text: str, kind: PackageKind, name: str) -> str:
+    template = TEMPLATE_NAMES[kind]
+    for spelt in (str, module_name, distribution_name):
         text = text.replace(spelt(template), spelt(name))
     return text

@@ -24,15 +24,15 @@ Result = TypeVar("Result")
 
 POLL_INTERVAL_S = 0.5
 CONNECTION_TIMEOUT_S = 5.0
-START_TIMEOUT_S = 300.0
+WORKER_START_TIMEOUT_S = 300.0
 """Maximum time until the first worker starts. Some clusters start computers on demand."""
-MAX_DEATHS = 8
+MAX_WORKER_DEATHS = 8
 """Number of worker processes that may end unexpectedly in the same call. Then the call fails."""
-PROCESS_BYTES = 400 << 20
+BASE_WORKER_BYTES = 400 << 20
 """Memory of a worker process without worlds."""
 ENV_VAR_PREFIX = "AVRGYM_"
 """Environment variables with this prefix are copied to the workers."""
-COMPARED_PACKAGES = ("avrgym", "mujoco", "numpy")
+VERSION_CHECKED_PACKAGES = ("avrgym", "mujoco", "numpy")
 """All computers must have the same versions of these packages, because results must be bit-identical."""
 
 
@@ -67,28 +67,28 @@ class Cluster:
         """Requested number of workers; ``None`` for one per core."""
         self._idle: list[Any] = []
         self._starting: dict[Any, _Running] = {}
-        self._bytes = PROCESS_BYTES
+        self._bytes = BASE_WORKER_BYTES
         self._variables = {
             name: value for name, value in os.environ.items() if name.startswith(ENV_VAR_PREFIX)
         }
 
     @property
-    def count(self) -> int:
+    def max_parallel_calls(self) -> int:
         """Returns the maximum number of parallel calls: the requested number, or the number of cores in the cluster."""
         return self.max_jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
 
-    def several_computers(self) -> bool:
+    def has_remote_nodes(self) -> bool:
         """Returns whether the cluster has nodes on other computers."""
         names = {node["NodeManagerHostname"] for node in ray.nodes() if node["Alive"]}
         return names != {socket.gethostname()}
 
     def reserve_memory(self, memory_bytes: int) -> None:
-        """Reserve memory for each new worker, in addition to ``PROCESS_BYTES``.
+        """Reserve memory for each new worker, in addition to ``BASE_WORKER_BYTES``.
 
         Raises:
             RuntimeError: if no node has enough memory.
         """
-        wanted = PROCESS_BYTES + memory_bytes
+        wanted = BASE_WORKER_BYTES + memory_bytes
         largest = max(
             (node["Resources"].get("memory", 0) for node in ray.nodes() if node["Alive"]), default=0
         )
@@ -99,7 +99,7 @@ class Cluster:
             )
         self._bytes = wanted
 
-    def run_all(
+    def starmap(
         self,
         function: Callable[..., Result],
         arguments: Sequence[tuple[Any, ...]],
@@ -145,16 +145,16 @@ class Cluster:
                 else:
                     self._started(reference, self._starting.pop(reference))
             progress(calls.reported)
-            if not running and time.monotonic() - last_event > START_TIMEOUT_S:
+            if not running and time.monotonic() - last_event > WORKER_START_TIMEOUT_S:
                 raise RuntimeError(
-                    f"no worker of the cluster {self.address} has started within {START_TIMEOUT_S:.0f} s; "
+                    f"no worker of the cluster {self.address} has started within {WORKER_START_TIMEOUT_S:.0f} s; "
                     "check the free cores and memory with `ray status`"
                 )
 
     def _start_workers(self, wanted: int, busy: int) -> None:
         """Start workers until there are ``wanted`` workers, but at most ``count``. ``busy`` workers run a call."""
         present = busy + len(self._idle) + len(self._starting)
-        for _ in range(min(wanted, self.count) - present):
+        for _ in range(min(wanted, self.max_parallel_calls) - present):
             worker = ray.remote(_Worker).options(num_cpus=1, memory=self._bytes, max_restarts=0).remote()
             self._starting[worker.start.remote(self._variables)] = _Running(worker, None)
 
@@ -202,12 +202,14 @@ class _Calls:
         self.reported += reported
 
     def died(self, number: int, error: Exception) -> None:
-        """Queue a call again after its worker ended. Raises ``RuntimeError`` if this happened ``MAX_DEATHS`` times."""
+        """Queue a call again after its worker ended. Raises ``RuntimeError`` if this happened ``MAX_WORKER_DEATHS``
+        times.
+        """
         self._deaths[number] += 1
-        if self._deaths[number] == MAX_DEATHS:
+        if self._deaths[number] == MAX_WORKER_DEATHS:
             reason = str(error).strip().splitlines()[0]
             raise RuntimeError(
-                f"{MAX_DEATHS} worker processes ended unexpectedly in the same call: {reason}; "
+                f"{MAX_WORKER_DEATHS} worker processes ended unexpectedly in the same call: {reason}; "
                 "check the memory of the nodes and the logs of Ray"
             )
         self.waiting.appendleft(number)
@@ -230,7 +232,7 @@ def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
 
 def _versions() -> dict[str, str]:
     return {"Python": platform.python_version()} | {
-        name: importlib.metadata.version(name) for name in COMPARED_PACKAGES
+        name: importlib.metadata.version(name) for name in VERSION_CHECKED_PACKAGES
     }
 
 
@@ -262,7 +264,7 @@ def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False, "include_dashboard": False}
     if address == "local":
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        quiet["num_cpus"] = jobs.cores()
+        quiet["num_cpus"] = jobs.core_count()
     elif address.startswith("ray://"):
         quiet = {"log_to_driver": False}
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")

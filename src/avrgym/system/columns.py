@@ -10,7 +10,7 @@ from types import NoneType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 TEXT, INTEGER, NUMBER, BOOLEAN, TIME = "text", "whole number", "number", "truth", "time"
-TYPES: Mapping[Any, str] = {str: TEXT, int: INTEGER, float: NUMBER, bool: BOOLEAN}
+TYPE_NAMES: Mapping[Any, str] = {str: TEXT, int: INTEGER, float: NUMBER, bool: BOOLEAN}
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def _described(row: type, name: str, hint: Any) -> Column:
 
 def _type_of(hint: Any) -> str:
     kinds = [each for each in _union_members(hint) if each is not NoneType]
-    return TYPES[kinds[0]]
+    return TYPE_NAMES[kinds[0]]
 
 
 def _union_members(hint: Any) -> tuple[Any, ...]:

@@ -1,4 +1,4 @@
 """Names of the physics engines."""
 
 THREADS, WARP = "threads", "warp"
-ENGINES = "threads, warp, or warp:DEVICE such as warp:cuda:1 or warp:cpu"
+ENGINE_CHOICES = "threads, warp, or warp:DEVICE such as warp:cuda:1 or warp:cpu"

@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TextIO
 
-from avrgym.system.processes import is_running
+from avrgym.system.processes import is_process_running
 
-PRIVATE_FILE, PRIVATE_FOLDER = 0o600, 0o700
+PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE = 0o600, 0o700
 _OTHERS = 0o077
 _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
 
@@ -31,15 +31,15 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
         temporary.unlink(missing_ok=True)
 
 
-def unfinished_files(folder: Path) -> list[Path]:
+def leftover_temporary_files(folder: Path) -> list[Path]:
     """Returns the temporary files of ``write_atomically`` in a folder and its subfolders that killed processes left."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
-    return sorted(path for path, match in found if match and not is_running(int(match[1])))
+    return sorted(path for path, match in found if match and not is_process_running(int(match[1])))
 
 
-def remove_unfinished(folder: Path) -> None:
-    """Remove the files that ``unfinished_files`` returns for a folder."""
-    for path in unfinished_files(folder):
+def remove_leftover_files(folder: Path) -> None:
+    """Remove the files that ``leftover_temporary_files`` returns for a folder."""
+    for path in leftover_temporary_files(folder):
         path.unlink(missing_ok=True)
 
 
@@ -52,10 +52,10 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
     make_private_folder(path.parent)
     for left in path.parent.glob(f".{path.name}.*.new"):
         number = left.name.split(".")[-2]
-        if number.isdecimal() and not is_running(int(number)):
+        if number.isdecimal() and not is_process_running(int(number)):
             shutil.rmtree(left)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.new")
-    temporary.mkdir(mode=PRIVATE_FOLDER)
+    temporary.mkdir(mode=PRIVATE_FOLDER_MODE)
     try:
         write(temporary)
         restrict_to_owner(temporary)
@@ -68,10 +68,10 @@ def write_folder_atomically(path: Path, write: Callable[[Path], None]) -> None:
 
 def private_opener(path: str, flags: int) -> int:
     """Opener for Python's ``open``: only the owner can read or write a new file. Returns the file descriptor."""
-    return os.open(path, flags, PRIVATE_FILE)
+    return os.open(path, flags, PRIVATE_FILE_MODE)
 
 
-def write_new(path: Path, text: str) -> None:
+def write_private_file(path: Path, text: str) -> None:
     """Write a new file that only its owner can read, and sync it to disk.
 
     Raises:
@@ -91,7 +91,7 @@ def make_private_folder(path: Path) -> None:
     """Create a folder and its missing parents. Only the owner can open the new folders."""
     if not path.parent.exists():
         make_private_folder(path.parent)
-    path.mkdir(mode=PRIVATE_FOLDER, exist_ok=True)
+    path.mkdir(mode=PRIVATE_FOLDER_MODE, exist_ok=True)
 
 
 def restrict_to_owner(path: Path) -> None:
@@ -126,7 +126,7 @@ def read_user_text(path: Path) -> str:
     return path.read_text(encoding=_USER_ENCODING)
 
 
-def with_and_without_bom(data: bytes) -> tuple[bytes, bytes]:
+def bom_variants(data: bytes) -> tuple[bytes, bytes]:
     """Returns the bytes of a UTF-8 text: first without, then with a byte-order mark (BOM)."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text

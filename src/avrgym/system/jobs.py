@@ -17,12 +17,12 @@ _add: Callable[[int], None] | None = None
 """Function that adds to the progress of this process; ``None`` if progress is not counted."""
 
 
-def cores() -> int:
+def core_count() -> int:
     """Returns the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def run_all(
+def starmap(
     function: Callable[..., Result],
     arguments: Sequence[tuple[Any, ...]],
     jobs: int,
@@ -61,7 +61,7 @@ def run_all(
     return [call.result() for call in calls]
 
 
-def report(done: int) -> None:
+def report_progress(done: int) -> None:
     """Report progress from a worker process: ``done`` is the amount since the last report."""
     assert _add is not None
     _add(done)

@@ -5,7 +5,7 @@ import os
 import platform
 from functools import cache
 
-LARGE_BYTES = 4 << 20
+MMAP_THRESHOLD_BYTES = 4 << 20
 """Freed memory blocks of this size or more are returned to the system. The memory arenas of worlds are larger (12 MiB
 and more). The arrays of a control step are smaller."""
 _M_MMAP_THRESHOLD = -3
@@ -13,22 +13,22 @@ _M_MMAP_THRESHOLD = -3
 
 
 @cache
-def return_large_blocks() -> None:
+def set_mmap_threshold() -> None:
     """Configure glibc to return freed blocks of 4 MiB or more to the system. Only the first call has an effect.
 
     By default, glibc may not return freed blocks of up to 32 MiB. The worlds of successive trials are then at
     different addresses, and memory grows by 100 MiB in 140 trials. Other C libraries do not need this setting.
     """
     if platform.libc_ver()[0] == "glibc":
-        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, LARGE_BYTES)
+        ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES)
 
 
-def available_bytes() -> int | None:
+def available_memory_bytes() -> int | None:
     """Returns the free memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_AVPHYS_PAGES")
 
 
-def memory_bytes() -> int | None:
+def total_memory_bytes() -> int | None:
     """Returns the total memory of this computer in bytes; ``None`` if the system does not report it."""
     return _pages("SC_PHYS_PAGES")
 

@@ -6,12 +6,12 @@ import os
 import sys
 from ctypes.util import find_library
 
-SCREEN_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
-LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
+DISPLAY_VARIABLES = ("DISPLAY", "WAYLAND_DISPLAY")
+OFFSCREEN_LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
 """Libraries for rendering without a screen, and their names in MuJoCo. The first installed library is used."""
 PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
 COMMON_BACKENDS = ("glfw", "off")
-OTHER_ACCEPTED_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
+OTHER_MUJOCO_GL_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
 """Other values of ``MUJOCO_GL`` that MuJoCo accepts."""
 RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
@@ -24,10 +24,10 @@ def choose_rendering_backend() -> None:
     if (
         sys.platform != "linux"
         or "MUJOCO_GL" in os.environ
-        or any(os.environ.get(name) for name in SCREEN_VARIABLES)
+        or any(os.environ.get(name) for name in DISPLAY_VARIABLES)
     ):
         return
-    name = next((name for library, name in LIBRARIES.items() if find_library(library)), None)
+    name = next((name for library, name in OFFSCREEN_LIBRARIES.items() if find_library(library)), None)
     if name is not None:
         os.environ["MUJOCO_GL"] = name
 
@@ -36,12 +36,12 @@ def check_rendering_backend() -> None:
     """Raise ``ValueError`` if MuJoCo cannot be imported with the value of ``MUJOCO_GL``."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
-    if asked not in (*allowed, *OTHER_ACCEPTED_VALUES):
+    if asked not in (*allowed, *OTHER_MUJOCO_GL_VALUES):
         raise ValueError(
             f"unknown value of the environment variable MUJOCO_GL={asked}; allowed: {', '.join(allowed)}; "
             "or unset MUJOCO_GL"
         )
-    library = next((library for library, name in LIBRARIES.items() if name == asked), None)
+    library = next((library for library, name in OFFSCREEN_LIBRARIES.items() if name == asked), None)
     if sys.platform == "linux" and library is not None and not _can_load(library):
         raise ValueError(
             f"the environment variable MUJOCO_GL={asked} needs the library {library}, which is not installed; "
@@ -60,7 +60,7 @@ def _can_load(library: str) -> bool:
     return False
 
 
-def log_warnings() -> None:
+def log_mujoco_warnings() -> None:
     """Send MuJoCo's warnings to the logger ``avrgym.mujoco``. An existing warning handler of MuJoCo is not replaced.
 
     Without a handler, MuJoCo writes ``MUJOCO_LOG.TXT`` into the current folder.

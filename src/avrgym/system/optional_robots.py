@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-PACKAGES = {"Stretch": "stretch_urdf"}
+MESH_PACKAGES = {"Stretch": "stretch_urdf"}
 """Package with the meshes of each robot. The name of the extra is the robot's name in lower case."""
 
 
@@ -13,18 +13,20 @@ def _is_installed(package: str) -> bool:
         return False
 
 
-MISSING = {
+INSTALL_COMMANDS = {
     robot: f"pip install avrgym[{robot.lower()}]"
-    for robot, package in PACKAGES.items()
+    for robot, package in MESH_PACKAGES.items()
     if not _is_installed(package)
 }
 """Installation command of each robot that is not available because its package is missing."""
-INSTALLED = tuple(robot for robot in PACKAGES if robot not in MISSING)
+INSTALLED_ROBOTS = tuple(robot for robot in MESH_PACKAGES if robot not in INSTALL_COMMANDS)
 
 
-def how_to_add(name: str) -> str:
+def install_hint(name: str) -> str:
     """Returns the last part of an error message for the unknown ``name``: how to install the robots that it contains.
 
     The text is empty if ``name`` contains no missing robot.
     """
-    return "".join(f". `{command}` adds {robot}" for robot, command in MISSING.items() if robot in name)
+    return "".join(
+        f". `{command}` adds {robot}" for robot, command in INSTALL_COMMANDS.items() if robot in name
+    )

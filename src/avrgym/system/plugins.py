@@ -20,7 +20,7 @@ class NamedObject(Protocol):
 
 
 T = TypeVar("T", bound=NamedObject)
-TASKS, ROBOTS, CONTROLLERS = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
+TASK_GROUP, ROBOT_GROUP, CONTROLLER_GROUP = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
 """Names of entry point groups."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
@@ -31,7 +31,7 @@ _loaded: dict[tuple[str, str], EntryPoint] = {}
 class SkippedPlugin:
     """A skipped plug-in: its entry point as ``NAME = MODULE:ATTRIBUTE (PACKAGE VERSION)``, and the reason."""
 
-    name: str
+    entry_point: str
     reason: str
 
 
@@ -48,7 +48,7 @@ def load_plugins(group: str, kind: type[T], add: Callable[[T], object]) -> list[
             add(found)
             _loaded[group, found.name] = entry
         except (Exception, SystemExit) as error:  # plug-ins may raise any exception
-            broken.append(log_skipped(describe_entry_point(entry), error))
+            broken.append(log_skipped_plugin(describe_entry_point(entry), error))
     return broken
 
 
@@ -69,10 +69,10 @@ def describe_entry_point(entry: EntryPoint) -> str:
     return f"{entry.name} = {entry.value}{package}"
 
 
-def log_skipped(name: str, error: BaseException) -> SkippedPlugin:
+def log_skipped_plugin(name: str, error: BaseException) -> SkippedPlugin:
     """Log a warning that a plug-in is skipped because of an error. Returns the skipped plug-in."""
     broken = SkippedPlugin(name, f"{type(error).__name__}: {error}")
-    _LOG.warning("skipped %s: %s", broken.name, broken.reason)
+    _LOG.warning("skipped %s: %s", broken.entry_point, broken.reason)
     return broken
 
 

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 
-def is_running(process: int) -> bool:
+def is_process_running(process: int) -> bool:
     """Returns whether a process with this id is running; ``True`` if this cannot be determined.
 
     On Linux, a zombie process counts as not running.

@@ -19,11 +19,11 @@ TEST: Split = "test"
 SPLITS: tuple[Split, ...] = (VALIDATION, TEST)
 _SPAWN_KEYS: dict[Split, int] = {VALIDATION: 1, TEST: 2}
 
-NoiseStream = Callable[[int, int, int], Generator]
+NoiseGeneratorFactory = Callable[[int, int, int], Generator]
 """Function that returns a generator of exploration noise. Arguments: seed, number of past environment steps, world."""
 
 
-def split_of(name: str) -> Split:
+def parse_split(name: str) -> Split:
     """Returns the split with this name.
 
     Raises:
@@ -232,17 +232,17 @@ def arm_pose_generator() -> Generator:
     return default_rng(0)
 
 
-def fitted_partner_generator() -> Generator:
+def fitted_population_generator() -> Generator:
     """Returns the random generator for the behaviour parameters of a fitted population."""
     return default_rng(0)
 
 
-TRAINING_PEOPLE_SEED = 2020
+TRAINING_POPULATION_SEED = 2020
 """Seed of the sampled training populations, and of the permutations in their comparison with participants."""
 
 
-def training_people_generator(population: int, task: int) -> Generator:
+def training_population_generator(population: int, task: int) -> Generator:
     """Returns the random generator for the people sampled from a training population, for comparison with
     participants.
     """
-    return default_rng([TRAINING_PEOPLE_SEED, population, task])
+    return default_rng([TRAINING_POPULATION_SEED, population, task])

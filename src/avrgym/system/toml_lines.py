@@ -8,13 +8,13 @@ from tomlkit.exceptions import TOMLKitError
 
 from avrgym.system.type_guards import is_table
 
-Place = tuple[str | int, ...]
+ValuePath = tuple[str | int, ...]
 """Path of a value in a TOML document: keys and indices."""
 
 _MARK = "avrgym-marks-this-place"
 
 
-def line_of(text: str, place: Place) -> int:
+def line_number(text: str, place: ValuePath) -> int:
     """Returns the line number of a value, from 1. Raises ``LookupError`` if there is no such value."""
     match place:
         case (str(key), int(index), *rest):
@@ -26,7 +26,7 @@ def line_of(text: str, place: Place) -> int:
     return header + _marked_line("\n".join(text.split("\n")[header:]), below if header else place)
 
 
-def _marked_line(text: str, place: Place) -> int:
+def _marked_line(text: str, place: ValuePath) -> int:
     """Returns the line number of a value, from 1. A marker replaces the value; its position gives the line."""
     document: Any = tomlkit.parse(text)
     parent: Any = document

@@ -1,6 +1,6 @@
 """Plug-ins of a recording, study or training run: package, version, and hash of the files.
 
-Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``own_version``.
+Robots and tasks of AVR Gym are not plug-ins. AVR Gym's version identifies them, see ``avrgym_version``.
 """
 
 import ast
@@ -16,8 +16,8 @@ from typing import Literal
 
 import msgspec
 
-Kind = Literal["task", "robot", "controller"]
-SHOWN_DIGITS = 12
+PluginKind = Literal["task", "robot", "controller"]
+PRINTED_HASH_DIGITS = 12
 """Number of printed digits of a hash."""
 
 
@@ -29,7 +29,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
     plug-in's files, see ``content_sha256``.
     """
 
-    kind: Kind
+    kind: PluginKind
     name: str
     entry_point: str
     package: str = ""
@@ -43,21 +43,21 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
     def __str__(self) -> str:
         package = f"{self.package} {self.version}".strip()
-        content = f"content {self.sha256[:SHOWN_DIGITS] or 'unknown'}"
+        content = f"content {self.sha256[:PRINTED_HASH_DIGITS] or 'unknown'}"
         return f"{package} ({content})" if package else content
 
 
 @cache
-def own_version() -> str:
+def avrgym_version() -> str:
     """Returns the version of AVR Gym. For an editable installation, it includes a hash of the files."""
     about = importlib.metadata.distribution("avrgym")
     origin = json.loads(about.read_text("direct_url.json") or "{}")
     if not origin.get("dir_info", {}).get("editable"):
         return about.version
-    return f"{about.version}+{content_sha256('avrgym')[:SHOWN_DIGITS]}"
+    return f"{about.version}+{content_sha256('avrgym')[:PRINTED_HASH_DIGITS]}"
 
 
-def plugin_of_entry_point(kind: Kind, name: str, entry: EntryPoint) -> UsedPlugin:
+def plugin_of_entry_point(kind: PluginKind, name: str, entry: EntryPoint) -> UsedPlugin:
     """Returns the installed version of the plug-in of an entry point."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(

@@ -34,10 +34,10 @@ def _allowed_actions(shape: tuple[int, ...]) -> str:
     return f"allowed: finite numbers of shape {shape}, -1 to 1 (values outside are clipped)"
 
 
-class DeviceActions:
+class DeviceActionValidator:
     """Checks actions on the engine's device, without copies to the host.
 
-    Numbers that are not finite are reported later, by ``raise_invalid``.
+    Numbers that are not finite are reported later, by ``raise_if_invalid``.
     """
 
     def __init__(self, num_worlds: int, action_size: int, example_array: Any) -> None:
@@ -64,7 +64,7 @@ class DeviceActions:
         self._invalid = self._invalid | ~xp.all(finite, axis=-1)
         return xp.where(finite, action, 0.0)
 
-    def raise_invalid(self) -> None:
+    def raise_if_invalid(self) -> None:
         """Raise ``ValueError`` if any action since the last call was not finite."""
         count = int(self._invalid.sum())
         if count:

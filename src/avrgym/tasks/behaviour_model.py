@@ -13,8 +13,8 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models.human import People, Posture
 from avrgym.people import cooperation, motion_version_1, motor
-from avrgym.people.cooperation import CooperationState, OfferedPart, PersonObservation
-from avrgym.people.distributions import Distribution
+from avrgym.people.cooperation import CooperationState, OfferedBodyPart, PersonObservation
+from avrgym.people.distributions import PeopleDistribution
 from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
@@ -26,15 +26,15 @@ BehaviourState = CooperationState | PartnerState
 class BehaviourModel:
     """Computes the joint targets of N people of one distribution, each in an independent episode.
 
-    With ``people.motor``, call ``choose_goals`` every 0.1 s. Between these calls, ``next_targets`` returns the targets.
-    With version 1 of the motion, call ``step`` every 0.1 s.
+    With ``people.motor``, call ``choose_goal_angles`` every 0.1 s. Between these calls, ``next_joint_targets`` returns
+    the targets. With version 1 of the motion, call ``step`` every 0.1 s.
     """
 
     def __init__(
         self,
-        distribution: Distribution,
+        distribution: PeopleDistribution,
         people: People,
-        offered: OfferedPart,
+        offered: OfferedBodyPart,
         posture: Posture,
         *,
         human_actions: bool,
@@ -52,7 +52,7 @@ class BehaviourModel:
         """
         self._partners = None if human_actions else distribution.partners
         self._cooperating = distribution.cooperating and not human_actions
-        self._offered: OfferedPart = offered
+        self._offered: OfferedBodyPart = offered
         self._posture = posture
         height = people.torso_height_m
         self._exemplar = height if example_array is None else example_array
@@ -83,10 +83,10 @@ class BehaviourModel:
             state = partner_behaviour.initial_state(
                 people, self._partners.sample(uniforms[:, :2]), uniforms[:, 2:]
             )
-            moved = partner_behaviour.motor_state(state, people)
+            moved = partner_behaviour.initial_motor_state(state, people)
         else:
             state = cooperation.initial_state(people, uniforms)
-            moved = cooperation.motor_state(state, people, uniforms, sways=self._cooperating)
+            moved = cooperation.initial_motor_state(state, people, uniforms, sways=self._cooperating)
         return to_device_of(state, self._exemplar), to_device_of(moved, self._exemplar)
 
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
@@ -94,7 +94,7 @@ class BehaviourModel:
 
         Actions (N, K) are joint speeds, divided by the speeds of unhurried people.
         """
-        targets = partner_behaviour.steer_targets(self._state.targets_rad, joints, action)
+        targets = partner_behaviour.move_joint_targets(self._state.joint_targets_rad, joints, action)
         self._state = replace(self._state, targets_rad=limit(targets))
 
     def step(
@@ -121,7 +121,7 @@ class BehaviourModel:
         self._state = _chosen(world_mask, state, self._state)
         return limit(targets)
 
-    def choose_goals(
+    def choose_goal_angles(
         self,
         observe: Callable[[], PersonObservation],
         limit: JointLimiter,
@@ -131,19 +131,23 @@ class BehaviourModel:
         state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):
-            state, goals = partner_behaviour.choose_goals(state, observe(), self._offered, self._posture)
+            state, goals = partner_behaviour.choose_goal_angles(
+                state, observe(), self._offered, self._posture
+            )
             startled = partner_behaviour.are_startled(state)
         elif self._cooperating:
-            state, goals = cooperation.choose_goals(state, goals, observe(), self._offered, self._posture)
-        moved = motor.set_goal(self._motor, limit(goals), startled)
+            state, goals = cooperation.choose_goal_angles(
+                state, goals, observe(), self._offered, self._posture
+            )
+        moved = motor.set_goal_angles(self._motor, limit(goals), startled)
         self._state, self._motor = (
             _chosen(world_mask, state, self._state),
             _chosen(world_mask, moved, self._motor),
         )
 
-    def next_targets(self, limit: JointLimiter, count: int) -> FloatArray:
+    def next_joint_targets(self, limit: JointLimiter, count: int) -> FloatArray:
         """Take ``count`` steps of 10 ms. Returns the joint targets (``count``, N, 20) at the end of each step."""
-        self._motor, targets = motor.next_targets_rad(self._motor, count)
+        self._motor, targets = motor.next_joint_targets_rad(self._motor, count)
         return limit(targets)
 
 

@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 from avrgym.array_types import BoolArray, IntArray, NumpyArray
 from avrgym.models import human, robot
 from avrgym.models.cameras import (
-    MAX_DEPTH_M,
+    MAX_IMAGE_DEPTH_M,
     SEGMENTATION_LABELS,
     CameraSpec,
-    FixedView,
     ImageKind,
+    SceneCameraPose,
     add_cameras,
     add_surroundings,
     image_entries,
     rendering_options,
-    update_positions,
+    update_poses,
 )
 from avrgym.models.human import Person
-from avrgym.models.human_shape import add_appearance
-from avrgym.models.scene import TOOL, build_spec
+from avrgym.models.human_shape import add_person_skins
+from avrgym.models.scene import SCENE_TOOL_BODY, build_scene_spec
 from avrgym.system.mujoco_setup import RENDERING_HINT
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ NEAR_CLIP_M, FAR_CLIP_M = 0.02, 20.0
 Shadows are not rendered: without a graphics card they would take two thirds of the time.
 """
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
-HIDDEN_GROUP = 5
+HIDDEN_GEOM_GROUP = 5
 Images = dict[str, NumpyArray]
 """Images by observation entry, such as ``wrist_rgb``."""
 PersonKey = tuple[str, float, float, str, float | None, float | None]
@@ -55,7 +55,7 @@ class CameraImages:
     """
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
-        """Store the cameras, from ``models.cameras.as_cameras``."""
+        """Store the cameras, from ``models.cameras.parse_cameras``."""
         self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes
@@ -76,7 +76,7 @@ class CameraImages:
         }
         with self._graphics():
             for row, world in enumerate(chosen):
-                person = self._episodes.person_in(world)
+                person = self._episodes.person_of_world(world)
                 model = self._model_of(person)
                 model.show(self._episodes, world, person)
                 for camera in self.cameras:
@@ -126,10 +126,10 @@ class _SexModel:
         size_px: tuple[int, int],
     ) -> None:
         scene = episodes.scene
-        spec = build_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
+        spec = build_scene_spec(scene, person, moving=episodes.simulation.moving, appearance=True)
         add_surroundings(spec)
         view = episodes.task.views.of_mount(scene.mount)
-        add_cameras(spec, scene, FixedView(view.camera_pos_w, np.array(view.look_at_w)), cameras)
+        add_cameras(spec, scene, SceneCameraPose(view.camera_pos_w, np.array(view.look_at_w)), cameras)
         self.model = model = spec.compile()
         self._data = mujoco.MjData(model)
         model.vis.global_.offwidth, model.vis.global_.offheight = size_px
@@ -157,7 +157,7 @@ class _SexModel:
         model, batch = self.model, episodes.simulation.batch
         model.body_pos[:] = batch.expand("body_pos")[world]
         model.body_quat[:] = batch.expand("body_quat")[world]
-        update_positions(model, self._data, episodes.simulation.qpos(world))
+        update_poses(model, self._data, episodes.simulation.qpos(world))
 
     def _set_person(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
         """Set the size and skin tone of the model's person."""
@@ -175,7 +175,9 @@ class _SexModel:
         model, scene = self.model, self._scene
         view = mujoco.MjvCamera()
         view.type, view.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, model.camera(camera.name).id
-        model.geom_group[:] = np.where(self._outside(camera, view.fixedcamid), HIDDEN_GROUP, self._groups)
+        model.geom_group[:] = np.where(
+            self._outside(camera, view.fixedcamid), HIDDEN_GEOM_GROUP, self._groups
+        )
         mujoco.mjv_updateScene(model, self._data, self._option, None, view, mujoco.mjtCatBit.mjCAT_ALL, scene)
         mujoco.mjr_setBuffer(
             mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context
@@ -268,14 +270,14 @@ def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     """
     share = depth.astype(np.float64)
     metres = NEAR_CLIP_M * FAR_CLIP_M / (NEAR_CLIP_M + share * (FAR_CLIP_M - NEAR_CLIP_M))
-    return np.minimum(metres, MAX_DEPTH_M).astype(np.float32)
+    return np.minimum(metres, MAX_IMAGE_DEPTH_M).astype(np.float32)
 
 
 def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int], int]:
     """Returns the label of each geom, skin and flex, by type and number of the object."""
     particles = episodes.scene.tool.particles
     grains = () if particles is None else particles.bodies
-    tool = model.body(TOOL).id
+    tool = model.body(SCENE_TOOL_BODY).id
     labels: list[int] = []
     for body in range(model.nbody):
         name, parent = model.body(body).name, model.body_parentid[body]
@@ -325,7 +327,7 @@ def _person_skins(person: Person, episodes: "Episodes") -> dict[str, NumpyArray]
     scene = episodes.scene
     spec = mujoco.MjSpec()
     human.add_person(spec, person, scene.posture, moving=episodes.simulation.moving)
-    add_appearance(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
+    add_person_skins(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     model = spec.compile()
     rows = _skin_rows(model)
     return {name: getattr(model, name)[rows[_axis(name)]] for name in SKIN_ARRAYS} | {

@@ -5,8 +5,8 @@ from itertools import product
 from avrgym.system import optional_robots
 
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
-TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
-ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED)
+PACKAGED_TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
+PACKAGED_ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED_ROBOTS)
 """Names of the packaged robots."""
 EPISODE_STEPS = 200
 WORLD_VERSION = 2
@@ -21,7 +21,9 @@ def environment_id(task: str, robot: str) -> str:
     return f"avrgym/{task}{robot}-v1"
 
 
-ENVIRONMENTS = tuple(environment_id(task, robot) for task, robot in product(TASKS, ROBOTS))
+PACKAGED_ENVIRONMENTS = tuple(
+    environment_id(task, robot) for task, robot in product(PACKAGED_TASKS, PACKAGED_ROBOTS)
+)
 """Packaged environment ids. Plug-ins add more ids."""
 PAPER_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
@@ -29,9 +31,9 @@ PAPER_ENVIRONMENTS = tuple(
 """Environments of Erickson, Gu and Kemp (2020). These environments have packaged policies."""
 
 
-def expected_errors(environment_id: str) -> tuple[type[Exception], ...]:
+def skippable_errors(environment_id: str) -> tuple[type[Exception], ...]:
     """Returns the exceptions for which a command skips this environment and continues with the next one.
 
     Plug-ins may raise any exception.
     """
-    return (ValueError, RuntimeError) if environment_id in ENVIRONMENTS else (Exception,)
+    return (ValueError, RuntimeError) if environment_id in PACKAGED_ENVIRONMENTS else (Exception,)

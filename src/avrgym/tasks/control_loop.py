@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
-from avrgym.models.scene import SUBSTEPS
-from avrgym.safety.force_guard import INTERVENTION_SHARE, ForceGuard
-from avrgym.safety.pacing import NO_COMMAND, Pacing
+from avrgym.models.scene import DEFAULT_SUBSTEPS
+from avrgym.safety.force_guard import INTERVENTION_FORCE_SHARE, ForceGuard
+from avrgym.safety.pacing import NO_COMMAND_INPUT, PacingLayer
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.safety.withdrawal import Withdrawal
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class StepOutcome:
     """The result of one control step in N worlds. The first axis is the world. ``events`` as in ``StepResult``.
 
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
@@ -46,7 +46,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class ControlStep:
+class FirstWorldStep:
     """A control step of the first world, composed of ticks of 10 ms.
 
     ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether the
@@ -55,7 +55,7 @@ class ControlStep:
 
     observation: FloatArray
     action: FloatArray
-    outcome: Step
+    outcome: StepOutcome
     withdrawing: bool
 
 
@@ -85,7 +85,7 @@ class ControlLoop:
         force_guard: bool = False,
         withdraw_after_success: bool = False,
         reward_withdrawal: bool = False,
-        rules: AppliedRules | None = None,
+        rules: TrialRules | None = None,
     ) -> None:
         """Create the loop with the selected layers.
 
@@ -99,9 +99,9 @@ class ControlLoop:
         self._episodes, self._simulation = episodes, episodes.simulation
         withdraws = withdraw_after_success and episodes.task.withdraws_after_success
         self.withdrawal = Withdrawal(self._simulation) if withdraws else None
-        share = INTERVENTION_SHARE if rules is None else rules.preferences.force_share
+        share = INTERVENTION_FORCE_SHARE if rules is None else rules.preferences.force_share
         self.guard = ForceGuard(self._simulation, share) if force_guard else None
-        self.pacing = None if rules is None else Pacing(self._simulation, episodes.task.offered, rules)
+        self.pacing = None if rules is None else PacingLayer(self._simulation, episodes.task.offered, rules)
         self._reward_withdrawal = reward_withdrawal
         self._zeros = np.zeros((self._simulation.num_worlds, episodes.action_size))
         self._commanded: Any = self._zeros
@@ -113,7 +113,7 @@ class ControlLoop:
         self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
         self.applied_action: FloatArray | None = None
         """The action (J,) of the first world if it changed at the latest tick, otherwise ``None``."""
-        self.braked = False
+        self.is_braked = False
         """Whether the latest action is zero and the brakes hold the robots."""
 
     def reset(self, ids: IntArray) -> None:
@@ -142,9 +142,9 @@ class ControlLoop:
         """Boolean mask (N,): worlds whose robot withdraws after success, or waits after the withdrawal."""
         if self.withdrawal is None:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
-        return self.withdrawal.driving
+        return self.withdrawal.active_mask
 
-    def take_command(self, command: CommandName, worlds: BoolArray | None = None) -> BoolArray:
+    def apply_command(self, command: CommandName, worlds: BoolArray | None = None) -> BoolArray:
         """Apply a participant's command in the worlds of a mask (N,), by default in all worlds.
 
         Returns the mask of worlds in which the command has an effect. Without a pacing layer the command has no effect.
@@ -155,39 +155,41 @@ class ControlLoop:
         worlds = everywhere if worlds is None else worlds
         effective = self.pacing.apply_command(command, worlds)
         if command == "again" and self.withdrawal is not None and self.pacing.rules.pacing:
-            effective = effective | (worlds & self.withdrawal.driving)
+            effective = effective | (worlds & self.withdrawal.active_mask)
             self.withdrawal.interrupt(worlds)
         return effective
 
     def command_input(self) -> FloatArray:
-        """Returns the commands (N, C) as inputs of controllers, see ``safety.pacing.COMMAND_INPUT``."""
+        """Returns the commands (N, C) as inputs of controllers, see ``safety.pacing.COMMAND_INPUT_ENTRIES``."""
         if self.pacing is None:
-            return np.tile(NO_COMMAND, (self._simulation.num_worlds, 1))
+            return np.tile(NO_COMMAND_INPUT, (self._simulation.num_worlds, 1))
         return self.pacing.command_input()
 
     def _paced(self, actions: FloatArray) -> FloatArray:
         """Returns actions (N, A), changed by the pacing layer after partners' commands. Call it once per step."""
         if self.pacing is None:
             return actions
-        for command, worlds in self._episodes.partner_commands(self.pacing.waiting, self.pacing.speed_factor):
-            self.take_command(command, worlds)
+        for command, worlds in self._episodes.partner_commands(
+            self.pacing.waiting_mask, self.pacing.speed_factor
+        ):
+            self.apply_command(command, worlds)
         return self.pacing.override(actions)
 
     def apply_withdrawal(self, actions: FloatArray) -> FloatArray:
         """Returns the actions (N, A). The withdrawal replaces the actions of the worlds that it controls."""
         return actions if self.withdrawal is None else self.withdrawal.override(actions)
 
-    def annotate(self, outcome: Step, commanded: FloatArray) -> Step:
+    def add_interventions(self, outcome: StepOutcome, commanded: FloatArray) -> StepOutcome:
         """Returns the result with ``overridden`` and ``guard_interventions``, given the commanded actions (N, A)."""
         if self.pacing is None and self.withdrawal is None and self.guard is None:
             return outcome
         return replace(
             outcome,
             overridden=(outcome.executed_action != commanded).any(axis=-1),
-            guard_interventions=None if self.guard is None else self.guard.interventions,
+            guard_interventions=None if self.guard is None else self.guard.num_interventions,
         )
 
-    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
+    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> StepOutcome:
         """Take one control step with actions (N, A). Returns its result.
 
         A recorder stores the forces of each physics step.
@@ -198,7 +200,7 @@ class ControlLoop:
         self._commanded = self._episodes.validate_actions(actions)
         self._execute(self.apply_withdrawal(self._paced(self._commanded)))
         if self.guard is None and recorder is None:
-            together = gcd(SUBSTEPS, self._substeps)
+            together = gcd(DEFAULT_SUBSTEPS, self._substeps)
             for substep in range(0, self._substeps, together):
                 self._episodes.step_physics(substep, together)
             return self._finish()
@@ -213,7 +215,7 @@ class ControlLoop:
     def _execute(self, actions: FloatArray) -> None:
         """Start a control step with actions (N, A), which the guard may override."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
-        self._episodes.command(self._executed)
+        self._episodes.command_robots(self._executed)
 
     def _change(self, actions: FloatArray | None) -> bool:
         """Apply new actions of source or guard within a control step. Returns whether actions changed."""
@@ -228,15 +230,17 @@ class ControlLoop:
             self._executed = actions
         return actions is not None
 
-    def _finish(self) -> Step:
+    def _finish(self) -> StepOutcome:
         """Evaluate the control step that ends now. Returns its result."""
-        unrewarded = None if self._reward_withdrawal or self.withdrawal is None else self.withdrawal.driving
+        unrewarded = (
+            None if self._reward_withdrawal or self.withdrawal is None else self.withdrawal.active_mask
+        )
         outcome = self._episodes.evaluate_step(self._executed, unrewarded)
         if self.withdrawal is not None:
             self.withdrawal.update(outcome.success, outcome.events)
-        return self.annotate(outcome, self._commanded)
+        return self.add_interventions(outcome, self._commanded)
 
-    def tick(self, source: ActionSource | None, *, hold: bool = False) -> ControlStep | None:
+    def tick(self, source: ActionSource | None, *, hold: bool = False) -> FirstWorldStep | None:
         """Advance by 10 ms. Returns the completed control step after its last tick, otherwise ``None``.
 
         Without a source, no control step is in progress. With ``hold``, the commanded actions are not executed: the
@@ -259,14 +263,14 @@ class ControlLoop:
             return None
         withdrawing, outcome = bool(self.withdrawing[0]), self._finish()
         self._observation = outcome.observation
-        return ControlStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
+        return FirstWorldStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
-    def move(self, actions: FloatArray | None, *, hold: bool = False) -> None:
+    def advance_with_action(self, actions: FloatArray | None, *, hold: bool = False) -> None:
         """Advance all worlds by 10 ms outside of control steps. New actions (N, A) are optional."""
         self.applied_action = None
         if actions is not None:
             self._executed = actions
-            self._episodes.command(actions)
+            self._episodes.command_robots(actions)
             self._note(hold)
         self._advance()
 
@@ -305,8 +309,8 @@ class ControlLoop:
 
     def _note(self, hold: bool) -> None:
         self.applied_action = self._executed[0]
-        self.braked = hold and not self._executed.any()
-        if self.braked:
+        self.is_braked = hold and not self._executed.any()
+        if self.is_braked:
             self._simulation.brake_robot()
 
     def _advance(self) -> None:

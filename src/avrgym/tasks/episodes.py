@@ -10,26 +10,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
-from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import namespace, to_device_of
 from avrgym.models import robot as robot_model
 from avrgym.models.cameras import CameraSpec
 from avrgym.models.human import People, Person
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.people import cooperation
 from avrgym.people.zoo.commanding import PARTNER_RULES
 from avrgym.safety.region_forces import RegionLoadRecorder
-from avrgym.simulation.start_clearance import Conflict, NoClearanceError, StartClearance
-from avrgym.simulation.worlds import Simulation, Start, State
+from avrgym.simulation.start_clearance import ClearanceConflict, NoClearanceError, StartClearanceChecker
+from avrgym.simulation.worlds import InitialState, Simulation, State
 from avrgym.system.engines import THREADS
 from avrgym.tasks import world_people
-from avrgym.tasks.actions import DeviceActions, validate_actions
-from avrgym.tasks.control_loop import ControlLoop, Step
-from avrgym.tasks.human_view import HumanView
+from avrgym.tasks.actions import DeviceActionValidator, validate_actions
+from avrgym.tasks.control_loop import ControlLoop, StepOutcome
+from avrgym.tasks.human_view import HumanObserver
 from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import (
     EpisodeStart,
     StepResult,
@@ -38,7 +38,7 @@ from avrgym.tasks.task import (
     replace_worlds,
     state_arrays,
 )
-from avrgym.tasks.world_people import WorldPeople, reachable_rad
+from avrgym.tasks.world_people import WorldPeople, clip_joint_angles
 
 if TYPE_CHECKING:
     from avrgym.tasks.camera_images import CameraImages
@@ -47,9 +47,9 @@ ACTION_PENALTY_TERM = "action_squared"
 """Name of the reward term of the action penalty. This term depends on the agent, robot or human."""
 MAX_TOOL_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
-MAX_REACH_DRAWS = 10
+MAX_REACH_SAMPLES = 10
 """Maximum number of sampled initial states in which the tool is farther away than ``MAX_TOOL_ERROR_M``."""
-MAX_START_DRAWS = 100
+MAX_START_SAMPLES = 100
 """Maximum number of sampled initial states until one has no overlapping bodies."""
 
 
@@ -75,8 +75,8 @@ class Episodes:
         on_device: bool = False,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
-        rules: AppliedRules | None = None,
-        settings: Settings = DEFAULTS,
+        rules: TrialRules | None = None,
+        settings: Settings = DEFAULT_SETTINGS,
     ) -> None:
         """Compile the scene.
 
@@ -92,7 +92,7 @@ class Episodes:
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
             human_actions: whether people execute actions, see ``command_people``. Otherwise a behaviour model moves
                 them.
-            engine: where physics runs, one of ``simulation.engines.engine.ENGINES``.
+            engine: where physics runs, one of ``simulation.engines.engine.ENGINE_CHOICES``.
             on_device: whether control steps run on the engine's device. ``step`` then takes and returns tensors,
                 without copies to the host. Call ``check`` once per episode. The host computes initial states.
             withdraw_after_success: whether the robot withdraws its tool after success, see ``safety.withdrawal``. This
@@ -150,13 +150,13 @@ class Episodes:
                 f"rules for pacing and people that give commands are not possible with engine {engine!r}; "
                 f"allowed: {THREADS}"
             )
-        acts_each_step = self._people.move and (self._people.need_host or on_device)
-        if acts_each_step and settings.control_hz != DEFAULTS.control_hz:
+        acts_each_step = self._people.is_moving and (self._people.needs_host or on_device)
+        if acts_each_step and settings.control_hz != DEFAULT_SETTINGS.control_hz:
             raise ValueError(
                 f"control_hz is {settings.control_hz}; allowed for people with human actions, with trained policies "
-                f"or on a device: control_hz={DEFAULTS.control_hz}"
+                f"or on a device: control_hz={DEFAULT_SETTINGS.control_hz}"
             )
-        if on_device and self._people.need_host:
+        if on_device and self._people.needs_host:
             raise ValueError(
                 "on_device is not possible for people with human actions or trained policies; "
                 "set on_device=False, or use other people"
@@ -166,36 +166,38 @@ class Episodes:
         self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered]
         """The joints that ``command_people`` moves, by name."""
         self.observation = self.task.observation(self.scene)
-        self.human_view = HumanView(self.task.offered, self.observation)
+        self.human_observer = HumanObserver(self.task.offered, self.observation)
         self.simulation = Simulation(
             self.scene,
             num_worlds,
-            moving=moving or self._people.move or self.task.strength_share is not None,
+            moving=moving or self._people.is_moving or self.task.strength_share is not None,
             num_threads=num_threads,
             by_region=by_region or force_guard,
-            interpolate_person_targets=self._people.glide,
+            interpolate_person_targets=self._people.interpolates_targets,
             engine=engine,
             on_device=on_device,
         )
-        self._clearance = StartClearance(
+        self._clearance = StartClearanceChecker(
             self.simulation.model,
             base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
             arms=not (moving and person is not None),
-            offered=self._people.spread_arm,
-            mirrored=self.scene.in_task_frame.frame.mirrored,
+            offered=self._people.has_random_arm,
+            mirrored=self.scene.in_task_frame.task_frame.mirrored,
         )
         there = self.simulation.example_array
-        self._people.place(there)
+        self._people.create_people(there)
         self.task_state = to_device_of(
             self.task.init_state(self.people, np.zeros((num_worlds, self.task.num_uniforms))), there
         )
-        self._device_actions = DeviceActions(num_worlds, self.action_size, there) if on_device else None
+        self._device_actions = (
+            DeviceActionValidator(num_worlds, self.action_size, there) if on_device else None
+        )
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self._tool_error_m = np.zeros(num_worlds)
-        self.start_draws = np.zeros(num_worlds, dtype=int)
+        self.start_samples = np.zeros(num_worlds, dtype=int)
         """Number of samples (N,) until the present episodes had a valid initial state."""
         self._images: CameraImages | None = None
-        self.loop = ControlLoop(
+        self.control_loop = ControlLoop(
             self, force_guard=force_guard, withdraw_after_success=withdraw_after_success, rules=rules
         )
         """The control loop that steps the worlds."""
@@ -208,9 +210,9 @@ class Episodes:
             "made_with": self._made_with,
             "simulation": self.simulation.snapshot(),
             "people": self._people.snapshot(),
-            "loop": self.loop.snapshot(),
+            "loop": self.control_loop.snapshot(),
             "task_state": self.task_state,
-            "start_draws": self.start_draws,
+            "start_draws": self.start_samples,
             "arm_start_rad": self._start_positions,
         }
 
@@ -218,8 +220,8 @@ class Episodes:
         self.__init__(state["environment_id"], state["num_worlds"], **state["made_with"])
         self.simulation.restore(state["simulation"])
         self._people.restore(state["people"])
-        self.loop.restore(state["loop"])
-        self.task_state, self.start_draws = state["task_state"], state["start_draws"]
+        self.control_loop.restore(state["loop"])
+        self.task_state, self.start_samples = state["task_state"], state["start_draws"]
         self._start_positions = state["arm_start_rad"]
 
     @property
@@ -237,30 +239,30 @@ class Episodes:
         Initial states with overlapping bodies are resampled, see ``simulation.start_clearance``.
 
         Raises:
-            NoClearanceError: a ``ValueError``, after ``MAX_START_DRAWS`` invalid initial states of a world.
+            NoClearanceError: a ``ValueError``, after ``MAX_START_SAMPLES`` invalid initial states of a world.
         """
         generator_of = dict(zip(ids.tolist(), generators, strict=True))
-        self.start_draws[ids] = 0
+        self.start_samples[ids] = 0
         invalid = ids
         while len(invalid):
             self._draw(invalid, [generator_of[world] for world in invalid.tolist()])
-            self.start_draws[invalid] += 1
+            self.start_samples[invalid] += 1
             conflicts, far = self._conflicts(invalid), invalid[self._tool_error_m[invalid] > MAX_TOOL_ERROR_M]
-            for world in far[self.start_draws[far] >= MAX_REACH_DRAWS].tolist():
+            for world in far[self.start_samples[far] >= MAX_REACH_SAMPLES].tolist():
                 raise NoClearanceError(
                     f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
-                    f"{MAX_REACH_DRAWS} initial states; in the last one the distance is "
+                    f"{MAX_REACH_SAMPLES} initial states; in the last one the distance is "
                     f"{self._tool_error_m[world]:.2f} m; change these settings"
                 )
             invalid = np.union1d(np.array([*conflicts], dtype=np.intp), far)
-            for world in invalid[self.start_draws[invalid] == MAX_START_DRAWS].tolist():
-                person = self.people.person(world)
+            for world in invalid[self.start_samples[invalid] == MAX_START_SAMPLES].tolist():
+                person = self.people.person_at(world)
                 raise NoClearanceError(
-                    f"{self.environment_id}: none of {MAX_START_DRAWS} initial states has enough clearance "
+                    f"{self.environment_id}: none of {MAX_START_SAMPLES} initial states has enough clearance "
                     f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
                     f"in the last one {conflicts.get(world, 'the tool is out of reach')}"
                 )
-        self.loop.reset(ids)
+        self.control_loop.reset(ids)
         return self.observe()[ids]
 
     def episode_start(self, world: int) -> EpisodeStart:
@@ -291,7 +293,9 @@ class Episodes:
             for values in (start.robot_pos_w, start.robot_q_w, start.joint_positions)
         )
         self._people.reset_to_person()
-        self._put(first, Start(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state))
+        self._put(
+            first, InitialState(self.people, pos_w, q_w, angles, placed), type(self.task_state)(**task_state)
+        )
 
     def _draw(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> None:
         """Sample an initial state for each of the worlds ``ids`` (n,), and set the worlds to these states."""
@@ -301,9 +305,9 @@ class Episodes:
         for_task = uniforms[:, world_people.NUM_UNIFORMS :]
         self._put(ids, self.task.start(self.scene, people, for_task), self.task.init_state(people, for_task))
 
-    def _put(self, ids: IntArray, start: Start, task_state: TaskState) -> None:
+    def _put(self, ids: IntArray, start: InitialState, task_state: TaskState) -> None:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
-        self._tool_error_m[ids] = 0.0 if start.tool_error_m is None else start.tool_error_m
+        self._tool_error_m[ids] = 0.0 if start.tool_position_error_m is None else start.tool_position_error_m
         self._start_positions[ids] = start.joint_positions
         self.task_state = replace_worlds(self.task_state, task_state, ids)
 
@@ -314,33 +318,35 @@ class Episodes:
             return people
         return replace(people, strength_share=people.strength_share[:, None] * joint_strength_shares(share))
 
-    def _conflicts(self, ids: IntArray) -> dict[int, Conflict]:
+    def _conflicts(self, ids: IntArray) -> dict[int, ClearanceConflict]:
         """Returns pairs of bodies without enough clearance in worlds ``ids`` (n,), by world.
 
         If a behaviour model moves the people, the two extreme poses of their tremor are checked too.
         """
         found = self._insufficient_clearance(ids)
-        if self._people.move:
+        if self._people.is_moving:
             for direction in (-1.0, 1.0):
                 trembling = self.people.joint_angles_rad + direction * self.people.tremor_rad
-                self.simulation.pose_people(ids, reachable_rad(self.people, trembling)[ids])
+                self.simulation.set_people_joint_angles(ids, clip_joint_angles(self.people, trembling)[ids])
                 found |= self._insufficient_clearance(ids, self._people.extra_clearance_m)
-            self.simulation.pose_people(ids, self.people.joint_angles_rad[ids])
+            self.simulation.set_people_joint_angles(ids, self.people.joint_angles_rad[ids])
         return found
 
     def _insufficient_clearance(
         self, ids: IntArray, extra_clearance_m: float | None = None
-    ) -> dict[int, Conflict]:
-        conflicts = self._clearance.conflicts(self.simulation.geoms(ids), extra_clearance_m=extra_clearance_m)
+    ) -> dict[int, ClearanceConflict]:
+        conflicts = self._clearance.find_conflicts(
+            self.simulation.geoms(ids), extra_clearance_m=extra_clearance_m
+        )
         return {world: conflict for world, conflict in zip(ids.tolist(), conflicts, strict=True) if conflict}
 
-    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> Step:
+    def step(self, actions: FloatArray, recorder: RegionLoadRecorder | None = None) -> StepOutcome:
         """Take one control step with actions (N, A), see ``ControlLoop.step``. Returns its result.
 
         Raises:
             ValueError: for actions that ``validate_actions`` rejects. The worlds are then unchanged.
         """
-        return self.loop.step(actions, recorder)
+        return self.control_loop.step(actions, recorder)
 
     def validate_actions(self, actions: FloatArray) -> FloatArray:
         """Check actions (N, A). Returns them as an array.
@@ -355,16 +361,16 @@ class Episodes:
             return self._device_actions.validate_actions(actions)
         return validate_actions(actions, (self.simulation.num_worlds, self.action_size))
 
-    def command(self, actions: FloatArray) -> None:
+    def command_robots(self, actions: FloatArray) -> None:
         """Command the robots with validated actions (N, A), and set the joint targets of moving people."""
         self.simulation.command_robot(actions)
-        if self._people.trained is not None:
-            self.command_people(self._people.trained.act(self.human_observation()))
-        if not self._people.smooth:
+        if self._people.trained_humans is not None:
+            self.command_people(self._people.trained_humans.act(self.human_observation()))
+        if not self._people.moves_every_physics_step:
             self._command_people_by_themselves()
 
     def _command_people_by_themselves(self) -> None:
-        if self._people.move:
+        if self._people.is_moving:
             self.simulation.command_person(*self._people.step(self.simulation.state))
 
     def partner_commands(
@@ -381,26 +387,26 @@ class Episodes:
     def step_physics(self, substep: int, count: int) -> None:
         """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on.
 
-        This also moves people with a behaviour model. ``count`` divides ``SUBSTEPS``.
+        This also moves people with a behaviour model. ``count`` divides ``DEFAULT_SUBSTEPS``.
         """
-        if self._people.smooth:
-            targets = self._people.next_targets(self.simulation.state, count)
+        if self._people.moves_every_physics_step:
+            targets = self._people.next_joint_targets(self.simulation.state, count)
             self.simulation.step(count, targets)
             return
-        if substep > 0 and substep % SUBSTEPS == 0:
+        if substep > 0 and substep % DEFAULT_SUBSTEPS == 0:
             self._command_people_by_themselves()
         self.simulation.step(count)
 
-    def check(self) -> None:
+    def check_device_results(self) -> None:
         """Check all results on a device since the last check. Call it once per episode.
 
         Raises:
             RuntimeError: see ``Engine.check``.
             ValueError: for actions that were not finite.
         """
-        self.simulation.check()
+        self.simulation.check_overflow()
         if self._device_actions is not None:
-            self._device_actions.raise_invalid()
+            self._device_actions.raise_if_invalid()
 
     def command_people(self, action: FloatArray) -> None:
         """Command the people's joints for the next control step.
@@ -409,9 +415,9 @@ class Episodes:
             action: (N, K), speed of each of ``offered_joints``, divided by the speed of unhurried people. Values are
                 clipped to [−1, 1]. No joint exceeds its range.
         """
-        self._people.command(action)
+        self._people.command_joint_targets(action)
 
-    def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> Step:
+    def evaluate_step(self, actions: FloatArray, unrewarded: BoolArray | None = None) -> StepOutcome:
         """Returns the result of the finished control step, given its actions (N, A).
 
         This also removes particles that are no longer needed. Rewards and their terms become 0 in the worlds of the
@@ -427,19 +433,19 @@ class Episodes:
             result = replace(result, terms=terms)
         return self._step(state, result, actions)
 
-    def evaluate_state(self) -> Step:
+    def evaluate_state(self) -> StepOutcome:
         """Returns the result of a step with zero actions that ends in the present state. Task states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
             np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
         )
-        return self.loop.annotate(
+        return self.control_loop.add_interventions(
             self._step(state, self.task.evaluate_step(state, rest, self.task_state), rest), rest
         )
 
-    def _step(self, state: State, result: StepResult, actions: FloatArray) -> Step:
-        return Step(
-            observation=self.observation.of(state, self.task_state),
+    def _step(self, state: State, result: StepResult, actions: FloatArray) -> StepOutcome:
+        return StepOutcome(
+            observation=self.observation.compute(state, self.task_state),
             reward=self.task.reward(result.terms),
             reward_terms=result.terms,
             success=result.success,
@@ -456,13 +462,15 @@ class Episodes:
 
     def observe(self) -> FloatArray:
         """Returns the observations (N, O) of the present state."""
-        return self.observation.of(self.simulation.state(), self.task_state)
+        return self.observation.compute(self.simulation.state(), self.task_state)
 
     def human_observation(self) -> FloatArray:
-        """Returns the observations (N, H) of the human agents, see ``HumanView``."""
-        return self.human_view.of(self.human_view.person_inputs(self.simulation, self.task_state))
+        """Returns the observations (N, H) of the human agents, see ``HumanObserver``."""
+        return self.human_observer.compute(
+            self.human_observer.person_inputs(self.simulation, self.task_state)
+        )
 
-    def human_reward(self, step: Step, action: FloatArray, *, shared: bool) -> FloatArray:
+    def human_reward(self, step: StepOutcome, action: FloatArray, *, shared: bool) -> FloatArray:
         """Returns the reward (N,) of people with actions (N, K).
 
         If ``shared``, it is the reward of the robots. Otherwise the action penalty of the people replaces that of the
@@ -497,12 +505,12 @@ class Episodes:
             self._images.close()
             self._images = None
 
-    def marks_w(self) -> FloatArray:
+    def marker_positions_w(self) -> FloatArray:
         """Returns the positions (N, ``task.marks.count``, 3) of the task's markers in the world frame."""
         if self.task.marks is None:
             return np.zeros((self.simulation.num_worlds, 0, 3))
-        return self.task.marks.places(self.simulation.arms(), self.task_state)
+        return self.task.marks.places(self.simulation.arm_poses(), self.task_state)
 
-    def person_in(self, world: int) -> Person:
+    def person_of_world(self, world: int) -> Person:
         """Returns the person of a world's present episode."""
-        return self.people.person(world)
+        return self.people.person_at(world)

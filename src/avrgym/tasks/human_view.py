@@ -9,9 +9,15 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.human import JOINTS
-from avrgym.people.cooperation import OFFERED_JOINTS, OfferedPart
+from avrgym.people.cooperation import OFFERED_JOINTS, OfferedBodyPart
 from avrgym.simulation.worlds import Simulation
-from avrgym.tasks.observation import MAX_ANGLE_RAD, MAX_DISTANCE_M, MAX_FORCE_N, UNIT_BOUND, Observation
+from avrgym.tasks.observation import (
+    MAX_ANGLE_RAD,
+    MAX_DISTANCE_M,
+    MAX_FORCE_N,
+    MAX_QUATERNION_COMPONENT,
+    Observation,
+)
 from avrgym.tasks.registry import task_and_scene
 
 
@@ -20,8 +26,8 @@ class PersonInputs:
     """The values from which N human observations are computed; world frame, metres, radians, newtons.
 
     Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each entry of
-    ``HumanView.goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist.
-    ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
+    ``HumanObserver.goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and
+    wrist. ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
     """
 
     hips_pos_w: FloatArray
@@ -37,7 +43,7 @@ class PersonInputs:
     tool_force_n: FloatArray
 
 
-class HumanView:
+class HumanObserver:
     """Computes the observation of a human agent, as in Assistive Gym; metres, radians, newtons.
 
     The entries are, in this order:
@@ -50,16 +56,16 @@ class HumanView:
     - the force of robot and tool (1), and the force of the tool (1).
     """
 
-    def __init__(self, offered: OfferedPart, observation: Observation) -> None:
+    def __init__(self, offered: OfferedBodyPart, observation: Observation) -> None:
         """Define the entries for an offered body part and the robot's observation."""
         self._arm = offered == "arm"
-        self.goals = [entry for entry in observation.entries if entry.scale is not None]
-        body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4
-        goals = [MAX_DISTANCE_M] * sum(entry.size for entry in self.goals)
-        tool, angles = [MAX_DISTANCE_M] * 3 + [UNIT_BOUND] * 4, [MAX_ANGLE_RAD] * len(JOINTS)
+        self.goal_entries = [entry for entry in observation.entries if entry.scale is not None]
+        body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4
+        goals = [MAX_DISTANCE_M] * sum(entry.size for entry in self.goal_entries)
+        tool, angles = [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4, [MAX_ANGLE_RAD] * len(JOINTS)
         self.bound = np.array(tool + goals + angles + body + [MAX_FORCE_N] * 2)
         """Bound of the absolute value of each number, (O,)."""
-        scales = [entry.scale for entry in self.goals for _ in range(entry.size)]
+        scales = [entry.scale for entry in self.goal_entries for _ in range(entry.size)]
         self.scale = np.array(
             [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
         )
@@ -70,7 +76,7 @@ class HumanView:
         """Length O of an observation."""
         return len(self.bound)
 
-    def of(self, inputs: PersonInputs) -> FloatArray:
+    def compute(self, inputs: PersonInputs) -> FloatArray:
         """Returns observations (N, O)."""
         turned_back = transforms.conjugate(inputs.hips_q_w)
         parts = [
@@ -95,14 +101,14 @@ class HumanView:
     def person_inputs(self, simulation: Simulation, task_state: Any) -> PersonInputs:
         """Returns the inputs for the people of a simulation with moving joints."""
         state = simulation.state()
-        hips_pos_w, hips_q_w = simulation.hips()
+        hips_pos_w, hips_q_w = simulation.hips_pose()
         return PersonInputs(
             hips_pos_w=hips_pos_w,
             hips_q_w=hips_q_w,
             tool_pos_w=state.tool_pos_w,
             tool_q_w=state.tool_q_w,
-            tool_from_goals_w=[entry.compute(state, task_state) for entry in self.goals],
-            joint_angles_rad=simulation.person_angles_rad(),
+            tool_from_goals_w=[entry.compute(state, task_state) for entry in self.goal_entries],
+            joint_angles_rad=simulation.person_joint_angles_rad(),
             right_arm_pos_w=state.right_arm_pos_w,
             head_pos_w=state.head_pos_w,
             head_q_w=state.head_q_w,
@@ -111,11 +117,11 @@ class HumanView:
         )
 
 
-def human_view_of(environment_id: str) -> tuple[HumanView, int]:
+def human_observer_of(environment_id: str) -> tuple[HumanObserver, int]:
     """Returns the human observation of an environment, and the length of human actions.
 
     Raises:
         ValueError: for an unknown environment id. The message lists the ids.
     """
     task, scene = task_and_scene(environment_id)
-    return HumanView(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])
+    return HumanObserver(task.offered, task.observation(scene)), len(OFFERED_JOINTS[task.offered])

@@ -22,14 +22,14 @@ MAX_ANGLE_RAD = 7.0
 
 Slides and bases move by less than 7 m.
 """
-UNIT_BOUND = 1.001
+MAX_QUATERNION_COMPONENT = 1.001
 """Bound of a component of a unit quaternion, with a margin for rounding."""
 MAX_FORCE_N = 10_000.0
 """Bound of a force: 50 times the force of the strongest joint at 0.4 m."""
 
 
 @dataclass(frozen=True)
-class Entry:
+class ObservationEntry:
     """An entry of an observation: name, number of values, bound (±), and the function that computes the values.
 
     Training normalises by ``scale`` (in the entry's unit). Without a scale, it normalises by the observed variance.
@@ -42,32 +42,32 @@ class Entry:
     scale: float | None = None
 
 
-def position_entry(name: str, compute: EntryFunction) -> Entry:
+def position_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of three coordinates in metres, relative to a point within reach."""
-    return Entry(name, 3, MAX_DISTANCE_M, compute)
+    return ObservationEntry(name, 3, MAX_DISTANCE_M, compute)
 
 
-def goal_offset_entry(name: str, compute: EntryFunction) -> Entry:
+def goal_offset_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of the tool's offset from its goal in metres.
 
     Its scale is fixed: the variance over whole episodes is too large to resolve centimetres near the goal.
     """
-    return Entry(name, 3, MAX_DISTANCE_M, compute, scale=0.05)
+    return ObservationEntry(name, 3, MAX_DISTANCE_M, compute, scale=0.05)
 
 
-def quaternion_entry(name: str, compute: EntryFunction) -> Entry:
+def quaternion_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of a quaternion w, x, y, z."""
-    return Entry(name, 4, UNIT_BOUND, compute)
+    return ObservationEntry(name, 4, MAX_QUATERNION_COMPONENT, compute)
 
 
-def angles_entry(name: str, count: int, compute: EntryFunction) -> Entry:
+def angles_entry(name: str, count: int, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of joint positions in radians or metres."""
-    return Entry(name, count, MAX_ANGLE_RAD, compute)
+    return ObservationEntry(name, count, MAX_ANGLE_RAD, compute)
 
 
-def force_entry(name: str, compute: EntryFunction) -> Entry:
+def force_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of the magnitude of a force in newtons."""
-    return Entry(name, 1, MAX_FORCE_N, compute)
+    return ObservationEntry(name, 1, MAX_FORCE_N, compute)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Observation:
         ValueError: without entries, or if two entries have the same name.
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[ObservationEntry, ...]
 
     def __post_init__(self) -> None:
         names = [entry.name for entry in self.entries]
@@ -104,14 +104,14 @@ class Observation:
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
-    def ends(self) -> IntArray:
+    def entry_ends(self) -> IntArray:
         """Index one past the last value of each entry."""
         return np.cumsum([entry.size for entry in self.entries])
 
     def _each(self, values: list[float]) -> FloatArray:
         return np.repeat(values, [entry.size for entry in self.entries])
 
-    def of(self, state: State, task_state: Any) -> FloatArray:
+    def compute(self, state: State, task_state: Any) -> FloatArray:
         """Returns the observations (N, O) of a state.
 
         Raises:
@@ -149,7 +149,7 @@ def measured_by_robot(observation: Observation) -> BoolArray:
     return np.repeat(measured, [entry.size for entry in observation.entries])
 
 
-def joint_positions(scene: SceneConfig) -> Entry:
+def joint_positions(scene: SceneConfig) -> ObservationEntry:
     """Returns an entry of the arm's joint positions.
 
     For a driving base, x, y and yaw relative to its start follow. The name is ``arm_angles_rad`` for arms of hinges on
@@ -158,7 +158,7 @@ def joint_positions(scene: SceneConfig) -> Entry:
     count, drives = len(scene.arm.joints), scene.robot.drive is not None
     if drives:
         return angles_entry("joint_positions", count + 3, _joint_positions_and_base)
-    name = "joint_positions" if arm_chain(scene).slides else "arm_angles_rad"
+    name = "joint_positions" if arm_chain(scene).slide_joints else "arm_angles_rad"
     return angles_entry(name, count, lambda state, _: state.joint_positions)
 
 

@@ -2,12 +2,12 @@
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules
-from avrgym.geometry.arrays import active_indices, namespace
+from avrgym.geometry.arrays import indices_to_compute, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 
 TOUCH_MARGIN_M = 0.002
-GROUND_M = 0.03
+FLOOR_HEIGHT_M = 0.03
 """Particles below this height have reached the floor."""
 
 
@@ -21,7 +21,7 @@ def particles_on_person(state: State, radius_m: float, candidates: BoolArray) ->
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin
     xp = namespace(reach)
     near = candidates & (reach > xp.min(_gaps(state, state.tool_pos_w), axis=-1)[:, None])
-    world, particle = active_indices(near)
+    world, particle = indices_to_compute(near)
     gaps = _gaps(state, state.particle_pos_w[world, particle], world)
     touching = xp.zeros_like(candidates)
     touching[world, particle] = (gaps < margin).any(axis=-1)
@@ -31,7 +31,7 @@ def particles_on_person(state: State, radius_m: float, candidates: BoolArray) ->
 def _gaps(state: State, point_w: FloatArray, world: IntArray | slice = slice(None)) -> FloatArray:
     """Returns the distances (n, G) in metres of points (n, 3) from the person's capsules in the worlds ``world``."""
     segment_w = state.person_segment_w[world]
-    distance = capsules.point_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
+    distance = capsules.point_segment_distance(point_w[:, None], segment_w[:, :, 0], segment_w[:, :, 1])
     return distance - state.person_radius_m[world]
 
 
@@ -40,7 +40,7 @@ def count_events(events: BoolArray) -> FloatArray:
     return 1.0 * events.sum(axis=-1)
 
 
-def check_count(state: State, events: BoolArray) -> None:
+def check_particle_count(state: State, events: BoolArray) -> None:
     """Check that the task state and the tool have the same number of particles.
 
     Raises:

@@ -5,21 +5,21 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace
-from avrgym.models.human import JOINTS, RIGHT_ARM, SEATED_RAD
+from avrgym.models.human import JOINTS, RIGHT_ARM_BODIES, SEATED_POSE_RAD
 from avrgym.people import distributions
 from avrgym.people.distributions import Pose
 
-TURNED_HEAD = Pose(
-    rest_rad=SEATED_RAD,
+TURNED_HEAD_POSE = Pose(
+    rest_rad=SEATED_POSE_RAD,
     spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
 )
 """Seated, the head turned by up to 30° about each axis (paper, section IV)."""
-ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM, np.radians(10.0), 0.0)
+ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM_JOINT_MASK, np.radians(10.0), 0.0)
 """Maximum random offset of each joint of the right arm from the rest pose (20,) (paper, section V)."""
 
-LIMBS = RIGHT_ARM[:2]
+RIGHT_ARM_LIMBS = RIGHT_ARM_BODIES[:2]
 """The limbs in itch scratching and bed bathing: right upper arm and forearm."""
-STRONG_FORCE_N = 10.0
+COMFORT_FORCE_LIMIT_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
 SKIN_MARGIN_M = 0.008
 LATERAL_AXES = np.array([1.0, 1.0, 0.0])
@@ -27,8 +27,8 @@ LATERAL_AXES = np.array([1.0, 1.0, 0.0])
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:
-    """Returns the forces (N,), with zero for forces below ``STRONG_FORCE_N``."""
-    return namespace(force_n).where(force_n >= STRONG_FORCE_N, force_n, 0.0)
+    """Returns the forces (N,), with zero for forces below ``COMFORT_FORCE_LIMIT_N``."""
+    return namespace(force_n).where(force_n >= COMFORT_FORCE_LIMIT_N, force_n, 0.0)
 
 
 def move_above_sleeve(places: FloatArray) -> FloatArray:

@@ -12,15 +12,15 @@ from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
 from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
-from avrgym.models.robot import Furniture, Mount, Robot, Side, select_equipment
+from avrgym.models.robot import FurnitureBuilder, Mount, Robot, Side, select_arm_and_mount
 from avrgym.models.scene import SceneConfig, robot_with_tool
-from avrgym.models.task_frame import mirrored_chain
+from avrgym.models.task_frame import mirror_chain
 from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool
 from avrgym.simulation import base_search
 from avrgym.simulation.base_search import BasePoses
-from avrgym.simulation.worlds import Start
-from avrgym.tasks.rehearsal import Rehearsal, WayRehearsal
+from avrgym.simulation.worlds import InitialState
+from avrgym.tasks.rehearsal import CollisionPathCost, GoalPathCost
 
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search.
@@ -41,9 +41,9 @@ def wheelchair_scene(
     side: Side,
     tool: Tool,
     standing_offset_m: tuple[float, float],
-    furniture: Sequence[Furniture] = (),
+    furniture: Sequence[FurnitureBuilder] = (),
     movable_bodies: Sequence[str] = (),
-    chair: Furniture = add_wheelchair,
+    chair: FurnitureBuilder = add_wheelchair,
     *,
     on_left: bool = False,
 ) -> SceneConfig:
@@ -55,7 +55,7 @@ def wheelchair_scene(
     Raises:
         UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
-    arm, mount = select_equipment(robot, "wheelchair", side, tool)
+    arm, mount = select_arm_and_mount(robot, "wheelchair", side, tool)
     if mount.on_floor:
         x, y, z = mount.pos_w
         mount = replace(mount, pos_w=(x + standing_offset_m[0], y + standing_offset_m[1], z))
@@ -71,12 +71,12 @@ def bed_scene(robot: Robot, side: Side, tool: Tool) -> SceneConfig:
     Raises:
         UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
     """
-    arm, mount = select_equipment(robot, "bed", side, tool)
+    arm, mount = select_arm_and_mount(robot, "bed", side, tool)
     around = (add_hospital_bed, *_carrier(mount))
     return SceneConfig(around, _carried(mount), RECLINED, robot, arm, tool, mount)
 
 
-def _carrier(mount: Mount) -> tuple[Furniture, ...]:
+def _carrier(mount: Mount) -> tuple[FurnitureBuilder, ...]:
     return () if mount.carrier is None else (mount.carrier,)
 
 
@@ -88,11 +88,11 @@ def _carried(mount: Mount) -> tuple[str, ...]:
 def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     """Returns the kinematic chain of the moving arm, from the robot's base to the tool."""
     model = robot_with_tool(scene, appearance=False).compile()
-    chain = kinematics.chain_of(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
-    return mirrored_chain(chain, scene.tool.mirror_axis) if scene.frame.mirrored else chain
+    chain = kinematics.extract_chain(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
+    return mirror_chain(chain, scene.tool.symmetry_axis) if scene.task_frame.mirrored else chain
 
 
-DRIVE_TRAVEL_M = 0.8
+MAX_DRIVE_TRAVEL_M = 0.8
 """Maximum distance that a planned motion drives a robot forwards or backwards from its start."""
 
 
@@ -104,20 +104,20 @@ def planning_chain(scene: SceneConfig) -> kinematics.Chain:
     the tool six degrees of freedom.
     """
     chain = arm_chain(scene)
-    return chain if scene.robot.drive is None else kinematics.prepend_slide(chain, DRIVE_TRAVEL_M)
+    return chain if scene.robot.drive is None else kinematics.prepend_slide(chain, MAX_DRIVE_TRAVEL_M)
 
 
 def mouth_poses(people: People) -> tuple[FloatArray, FloatArray]:
     """Returns mouth positions (n, 3) and head rotations (n, 4) of seated people; world frame."""
     pos_w, q_w = human.body_frames(people, bodies=("head",))
-    site = human.layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
+    site = human.body_layout(people.is_woman, people.torso_height_m).site_pos["mouth"]
     return transforms.compose(pos_w["head"], q_w["head"], site, transforms.IDENTITY_QUATERNION)
 
 
 def right_arm_joints_w(people: People, posture: Posture) -> FloatArray:
     """Returns shoulder, elbow and wrist positions (n, 3, 3) of the right arm; world frame."""
-    pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM)
-    return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM], axis=1)
+    pos_w, _ = human.body_frames(people, posture, human.RIGHT_ARM_BODIES)
+    return namespace(people.torso_height_m).stack([pos_w[name] for name in human.RIGHT_ARM_BODIES], axis=1)
 
 
 def tool_pose_in_hand(
@@ -139,7 +139,7 @@ def find_start(
     uniforms: FloatArray,
     *,
     along_goals: bool = False,
-) -> Start:
+) -> InitialState:
     """Returns initial states of n worlds with the tool poses (n, 3) and (n, 4).
 
     With a movable base, ``base_search`` selects the best of ``base_search.CANDIDATES`` base poses. From this pose the
@@ -155,13 +155,13 @@ def find_start(
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])
     path_cost = None
     if along_goals or scene.self_collision:
-        rehearsal = Rehearsal if along_goals else WayRehearsal
+        rehearsal = GoalPathCost if along_goals else CollisionPathCost
         path_cost = rehearsal(scene, chain, people, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w)
     if mount.base_range is None:
         base_pos = np.tile(mount.pos_w, (len(tool_pos_w), 1))
         base_q = np.tile(transforms.from_axis_angle(Z_AXIS, mount.yaw_rad), (len(tool_pos_w), 1))
         pos, q = transforms.compose(*transforms.invert(base_pos, base_q), tool_pos_w, tool_q_w)
-        restarts = uniforms[:, : kinematics.restart_uniforms(len(seed_pose))]
+        restarts = uniforms[:, : kinematics.num_restart_uniforms(len(seed_pose))]
         positions = kinematics.inverse_kinematics_with_restarts(chain, pos, q, seed_pose, restarts)
         if path_cost is not None:
             positions = path_cost.best_posture(base_pos, mount.yaw_rad, positions, uniforms)
@@ -172,7 +172,10 @@ def find_start(
         found = base_search.search_base_pose(
             chain, candidates, tool_pos_w, tool_q_w, goal_pos_w, goal_q_w, seed_pose, path_cost
         )
-        base_pos, base_q = found.base.pos_w, transforms.from_axis_angle(Z_AXIS, found.base.yaw_rad)
+        base_pos, base_q = (
+            found.base_poses.pos_w,
+            transforms.from_axis_angle(Z_AXIS, found.base_poses.yaw_rad),
+        )
         positions = found.joint_positions
     tool_error_m = None
     if scene.checks_reach:
@@ -182,7 +185,7 @@ def find_start(
         base_pos = base_pos + transforms.rotate(base_q, X_AXIS) * positions[:, :1]
         positions = positions[:, 1:]
     placed = placed_pos_w | dict.fromkeys(_carried(mount), base_pos)
-    return Start(people, base_pos, base_q, positions, placed, tool_error_m)
+    return InitialState(people, base_pos, base_q, positions, placed, tool_error_m)
 
 
 def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:

@@ -13,19 +13,19 @@ from avrgym.models import robot as models
 from avrgym.models.human import SEXES, TORSO_HEIGHT_RANGE_M, Person, Sex
 from avrgym.models.robot import Robot
 from avrgym.people import distributions
-from avrgym.simulation.start_clearance import NoClearanceError, StartClearance
+from avrgym.simulation.start_clearance import NoClearanceError, StartClearanceChecker
 from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
 from avrgym.tasks import placement
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 MAX_MEAN_DRAWS = 2.0
 """Maximum mean number of sampled initial states until one is valid: half of the samples may be rejected."""
-PEOPLE, STARTS = "revised", 32
+CHECK_POPULATION, NUM_CHECK_STARTS = "revised", 32
 """Population of a robot check, and its number of initial states."""
-BODY_STARTS = 4
+STARTS_PER_BODY = 4
 """Number of initial states for each combination of sex and torso height."""
 ARM_BATCH_SIZE = 50
 
@@ -37,14 +37,14 @@ class StartDrawStatistics:
     ``failure`` is an error message, empty without an error.
     """
 
-    mean: float
-    maximum: int
-    failure: str = ""
+    mean_draws: float
+    max_draws: int
+    reset_error: str = ""
 
     @property
-    def fault(self) -> str:
+    def error_message(self) -> str:
         """Error message; empty if there is no error."""
-        return self.failure or describe_excess_draws(self.mean, self.maximum)
+        return self.reset_error or describe_excess_draws(self.mean_draws, self.max_draws)
 
 
 def describe_excess_draws(mean: float, maximum: int) -> str:
@@ -65,21 +65,21 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
         episodes.reset(worlds, [random_streams.episode_generator(world) for world in worlds.tolist()])
     except NoClearanceError as error:
         return StartDrawStatistics(
-            float(episodes.start_draws.mean()), int(episodes.start_draws.max()), str(error)
+            float(episodes.start_samples.mean()), int(episodes.start_samples.max()), str(error)
         )
-    return StartDrawStatistics(float(episodes.start_draws.mean()), int(episodes.start_draws.max()))
+    return StartDrawStatistics(float(episodes.start_samples.mean()), int(episodes.start_samples.max()))
 
 
 @cache
 def draws_by_body(
-    environment_id: str, settings: Settings = DEFAULTS
+    environment_id: str, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[tuple[Person, StartDrawStatistics], ...]:
     """Sample initial states next to people at rest: both sexes, with the smallest and the largest torso height.
 
     Returns each person with the statistics of the numbers of samples.
     """
     episodes = Episodes(
-        environment_id, BODY_STARTS, person=Person(), moving=True, num_threads=1, settings=settings
+        environment_id, STARTS_PER_BODY, person=Person(), moving=True, num_threads=1, settings=settings
     )
     return tuple(_of_bodies(episodes))
 
@@ -100,9 +100,11 @@ def check_starts(environment_id: str) -> StartDrawStatistics:
     Raises:
         ValueError: if the mean exceeds ``MAX_MEAN_DRAWS``, or if no valid initial state is found for a person.
     """
-    drawn = draw_starts(Episodes(environment_id, STARTS, people=PEOPLE, num_threads=1))
+    drawn = draw_starts(Episodes(environment_id, NUM_CHECK_STARTS, people=CHECK_POPULATION, num_threads=1))
     faults = [
-        each.fault for each in (drawn, *(own for _, own in draws_by_body(environment_id))) if each.fault
+        each.error_message
+        for each in (drawn, *(own for _, own in draws_by_body(environment_id)))
+        if each.error_message
     ]
     if faults:
         raise ValueError(f"{environment_id}: {faults[0]}")
@@ -159,5 +161,7 @@ def _clear(task: str, robot: Robot, joint_positions: FloatArray, sex: Sex) -> Bo
         ),
     )
     base = None if mount.on_floor else models.PREFIX + robot.base
-    clearance = StartClearance(simulation.model, base=base, arms=False, offered=False)
-    return np.array([each is None for each in clearance.conflicts(simulation.geoms(np.arange(count)))], bool)
+    clearance = StartClearanceChecker(simulation.model, base=base, arms=False, offered=False)
+    return np.array(
+        [each is None for each in clearance.find_conflicts(simulation.geoms(np.arange(count)))], bool
+    )

@@ -12,7 +12,7 @@ from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
 from avrgym.system import plugins
-from avrgym.system.optional_robots import how_to_add
+from avrgym.system.optional_robots import install_hint
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_entry_point
 from avrgym.tasks.arm_manipulation.task import ARM_MANIPULATION
 from avrgym.tasks.bed_bathing.task import BED_BATHING
@@ -22,19 +22,19 @@ from avrgym.tasks.drinking.task import DRINKING
 from avrgym.tasks.feeding.task import FEEDING
 from avrgym.tasks.scene_settings import has_furniture, scene_with_settings
 from avrgym.tasks.scratch_itch.task import SCRATCH_ITCH
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Task
-from avrgym.tasks.task_in_frame import task_in_frame, with_other_arm
+from avrgym.tasks.task_in_frame import goal_for_other_arm, task_in_frame
 
 
-class Registry:
+class TaskRegistry:
     """Tasks by name, environments by id, and error messages of skipped plug-ins."""
 
     def __init__(self, robots: Mapping[str, Robot]) -> None:
         self.robots = robots
         self.tasks: dict[str, Task] = {}
         self.environments: dict[str, tuple[str, str]] = {}
-        self.broken: list[plugins.SkippedPlugin] = []
+        self.skipped_plugins: list[plugins.SkippedPlugin] = []
 
     def add(self, task: Task) -> None:
         """Register a task with all suitable robots. A robot is skipped if the task's scene or observation fails.
@@ -62,16 +62,18 @@ class Registry:
         except UnsuitableRobotError:
             return False
         except (Exception, SystemExit) as error:  # plug-ins may raise any exception
-            self.broken.append(plugins.log_skipped(environment_id(task.name, robot.name), error))
+            self.skipped_plugins.append(
+                plugins.log_skipped_plugin(environment_id(task.name, robot.name), error)
+            )
             return False
         return True
 
 
-def _build_registry() -> Registry:
-    registry = Registry(ROBOTS)
+def _build_registry() -> TaskRegistry:
+    registry = TaskRegistry(ROBOTS)
     for task in (FEEDING, DRINKING, SCRATCH_ITCH, BED_BATHING, DRESSING, ARM_MANIPULATION):
         registry.add(task)
-    registry.broken += plugins.load_plugins(plugins.TASKS, Task, registry.add)
+    registry.skipped_plugins += plugins.load_plugins(plugins.TASK_GROUP, Task, registry.add)
     return registry
 
 
@@ -79,7 +81,7 @@ _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
 """Names of task and robot by environment id."""
-SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.broken)
+SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.skipped_plugins)
 """Error messages of skipped plug-ins: of tasks, and of single environments."""
 
 
@@ -91,7 +93,7 @@ def find_environment(environment_id: str) -> tuple[str, str]:
     """
     if environment_id not in ENVIRONMENTS:
         raise ValueError(
-            f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}{how_to_add(environment_id)}"
+            f"unknown environment {environment_id!r}; allowed: {', '.join(ENVIRONMENTS)}{install_hint(environment_id)}"
         )
     return ENVIRONMENTS[environment_id]
 
@@ -104,21 +106,21 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
     """
     task, robot = find_environment(environment_id)
     of_task, of_robot = (
-        plugins.entry_point_of(plugins.TASKS, task),
-        plugins.entry_point_of(plugins.ROBOTS, robot),
+        plugins.entry_point_of(plugins.TASK_GROUP, task),
+        plugins.entry_point_of(plugins.ROBOT_GROUP, robot),
     )
     found = () if of_task is None else (plugin_of_entry_point("task", task, of_task),)
     return found if of_robot is None else (*found, plugin_of_entry_point("robot", robot, of_robot))
 
 
-def task_and_scene(environment_id: str, settings: Settings = DEFAULTS) -> tuple[Task, SceneConfig]:
+def task_and_scene(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> tuple[Task, SceneConfig]:
     """Returns task and scene of an environment with settings.
 
     Raises:
         ValueError: for an unknown id (the message lists the ids), and for settings that this environment does not have.
     """
     name, robot = find_environment(environment_id)
-    if settings == DEFAULTS:
+    if settings == DEFAULT_SETTINGS:
         return TASKS[name], TASKS[name].scene(find_robot(robot))
     return _with_settings(name, robot, settings)
 
@@ -136,21 +138,21 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
     scene = scene_with_settings(task.scene(find_robot(robot)), settings, mirrored=mirrored)
     if scene.task_scene is None:
         return task, scene
-    frame = scene.task_scene.frame
+    frame = scene.task_scene.task_frame
     if frame.rise_m and has_furniture(scene, "table_offset_m"):
         x, y, z = settings.table_offset_m or (0.0, 0.0, 0.0)
         lowered = msgspec.structs.replace(settings, table_offset_m=(x, y, z - frame.rise_m))
         task = TASKS[name].with_settings(lowered)
-    return task_in_frame(task, frame, scene.tool.mirror_axis), scene
+    return task_in_frame(task, frame, scene.tool.symmetry_axis), scene
 
 
 def task_goal(name: str, settings: Settings) -> str:
     """Returns the goal of a task, for the served arm in the settings."""
     task = TASKS[name]
-    return task.goal if settings.served_arm in (None, task.served_arm) else with_other_arm(task.goal)
+    return task.goal if settings.served_arm in (None, task.served_arm) else goal_for_other_arm(task.goal)
 
 
-def instruction(environment_id: str, settings: Settings = DEFAULTS) -> str:
+def instruction(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> str:
     """Returns the task of an environment as an instruction for policies that take language.
 
     Raises:

@@ -11,17 +11,17 @@ from avrgym.models.human import People
 from avrgym.models.scene import SceneConfig
 from avrgym.people.arm_clearance import person_capsules
 from avrgym.simulation import base_search
-from avrgym.tasks.robot_clearance import Clearance, self_distance_m
+from avrgym.tasks.robot_clearance import RobotClearance, min_self_distance_m
 
-STEPS, ITERATIONS = 6, 8
+STEPS_PER_GOAL, IK_ITERATIONS = 6, 8
 """Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
-MARGIN_M, LIMIT_MARGIN_RAD = 0.02, 0.15
+CLEARANCE_MARGIN_M, JOINT_LIMIT_MARGIN_RAD = 0.02, 0.15
 """Distances from person and furniture, and from joint limits, below which the cost of a motion increases."""
 BLOCK_WORLDS = 64
 """Number of worlds that are computed together. It limits the memory."""
-ALLOWED_ERROR_M, ALLOWED_ERROR_RAD = 0.005, 0.05
-WAY_SHARES, WAY_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
-"""Positions on the path to a goal at which ``WayRehearsal`` checks the arm, from 0 to 1.
+ALLOWED_POSITION_ERROR_M, ALLOWED_ROTATION_ERROR_RAD = 0.005, 0.05
+PATH_SHARES, PATH_IK_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
+"""Positions on the path to a goal at which ``CollisionPathCost`` checks the arm, from 0 to 1.
 
 Also the number of iterations of the inverse kinematics.
 """
@@ -29,7 +29,7 @@ POSTURES = 16
 """Number of postures of a robot with a fixed base for which the motion is rehearsed."""
 
 
-class Rehearsal:
+class GoalPathCost:
     """Computes the cost of the tool motion in n worlds, for several initial states of each world."""
 
     def __init__(
@@ -71,27 +71,27 @@ class Rehearsal:
         world: IntArray = np.repeat(worlds, each)
         base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
         to_base = transforms.invert(*base_w)
-        clearance = Clearance(self._scene, self._chain, *base_w)
+        clearance = RobotClearance(self._scene, self._chain, *base_w)
         segments_w, radii_m = (part[world] for part in self._person)
         joints = joint_positions.reshape(len(world), -1)
-        lower, upper, units = self._chain.lower, self._chain.upper, self._chain.units
-        error_m, gap_m = np.zeros(len(world)), np.full(len(world), MARGIN_M)
-        limit_rad = np.full(len(world), LIMIT_MARGIN_RAD)
+        lower, upper, units = self._chain.lower_limit, self._chain.upper_limit, self._chain.joint_units
+        error_m, gap_m = np.zeros(len(world)), np.full(len(world), CLEARANCE_MARGIN_M)
+        limit_rad = np.full(len(world), JOINT_LIMIT_MARGIN_RAD)
         for pos_w, q_w in zip(*self._path, strict=True):
             pos, q = transforms.compose(*to_base, pos_w[world], q_w[world])
             found = kinematics.inverse_kinematics(
-                self._chain, pos, q, joints, iterations=ITERATIONS, precision=np.float32
+                self._chain, pos, q, joints, iterations=IK_ITERATIONS, precision=np.float32
             )
             joints = found.joint_positions
-            excess_m = np.maximum(found.position_error_m - ALLOWED_ERROR_M, 0.0)
-            excess_rad = np.maximum(found.rotation_error_rad - ALLOWED_ERROR_RAD, 0.0)
+            excess_m = np.maximum(found.position_error_m - ALLOWED_POSITION_ERROR_M, 0.0)
+            excess_rad = np.maximum(found.rotation_error_rad - ALLOWED_ROTATION_ERROR_RAD, 0.0)
             error_m = np.maximum(error_m, excess_m + kinematics.METRES_PER_RADIAN * excess_rad)
             within = np.minimum(joints - lower, upper - joints) / units
             limit_rad = np.minimum(limit_rad, within.min(axis=-1))
             gap = clearance.min_distance_m(joints[:, None], segments_w, radii_m, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
-        missing_rad = LIMIT_MARGIN_RAD - limit_rad
-        cost = error_m + MARGIN_M - gap_m + kinematics.METRES_PER_RADIAN * missing_rad
+        missing_rad = JOINT_LIMIT_MARGIN_RAD - limit_rad
+        cost = error_m + CLEARANCE_MARGIN_M - gap_m + kinematics.METRES_PER_RADIAN * missing_rad
         return cost.reshape(count, each)
 
     def best_posture(
@@ -104,7 +104,7 @@ class Rehearsal:
         """
         count, joints = int(joint_positions.shape[0]), int(joint_positions.shape[1])
         shares = uniforms[:, : (POSTURES - 1) * joints].reshape(count, -1, joints)
-        around = kinematics.RESTART_SPREAD_RAD * self._chain.units * (2.0 * shares - 1.0)
+        around = kinematics.MAX_RESTART_OFFSET_RAD * self._chain.joint_units * (2.0 * shares - 1.0)
         starts = joint_positions[:, None] + np.concatenate([np.zeros((count, 1, joints)), around], axis=1)
         each = int(starts.shape[1])
         world: IntArray = np.repeat(np.arange(count), each)
@@ -117,7 +117,7 @@ class Rehearsal:
         return candidates[np.arange(count), cost.argmin(axis=-1)]
 
 
-class WayRehearsal(Rehearsal):
+class CollisionPathCost(GoalPathCost):
     """Computes the cost of the paths from the start to each goal.
 
     The cost is positive if links are close to each other or to furniture.
@@ -126,7 +126,7 @@ class WayRehearsal(Rehearsal):
     def _cost(
         self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
     ) -> FloatArray:
-        """Returns the missing distance (n, K) from ``MARGIN_M`` of the worst configuration on the paths.
+        """Returns the missing distance (n, K) from ``CLEARANCE_MARGIN_M`` of the worst configuration on the paths.
 
         A few configurations are checked. They are interpolated between the joint positions at start and goal. Goals out
         of reach are ignored.
@@ -135,23 +135,23 @@ class WayRehearsal(Rehearsal):
         world: IntArray = np.repeat(worlds, each)
         base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
         to_base = transforms.invert(*base_w)
-        clearance = Clearance(self._scene, self._chain, *base_w)
+        clearance = RobotClearance(self._scene, self._chain, *base_w)
         start = joint_positions.reshape(len(world), -1)
-        gap_m = np.full(len(world), MARGIN_M)
+        gap_m = np.full(len(world), CLEARANCE_MARGIN_M)
         for goal in range(self._goals[0].shape[1]):
             pos, q = transforms.compose(*to_base, *(part[world, goal] for part in self._goals))
             found = kinematics.inverse_kinematics(
-                self._chain, pos, q, start, iterations=WAY_ITERATIONS, precision=np.float32
+                self._chain, pos, q, start, iterations=PATH_IK_ITERATIONS, precision=np.float32
             )
             reached = found.position_error_m < base_search.GOAL_ACCURACY_M
-            for share in WAY_SHARES:
+            for share in PATH_SHARES:
                 joints = start + share * (found.joint_positions - start)
                 gap = np.minimum(
                     clearance.furniture_distance_m(joints),
-                    self_distance_m(self._scene, self._chain, joints),
+                    min_self_distance_m(self._scene, self._chain, joints),
                 )
-                gap_m = np.minimum(gap_m, np.where(reached, gap, MARGIN_M))
-        return (MARGIN_M - gap_m).reshape(count, each)
+                gap_m = np.minimum(gap_m, np.where(reached, gap, CLEARANCE_MARGIN_M))
+        return (CLEARANCE_MARGIN_M - gap_m).reshape(count, each)
 
 
 def _interpolated(pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -161,7 +161,7 @@ def _interpolated(pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, Float
     turn = transforms.to_rotation_vector(transforms.multiply(q_w[:, 1:], transforms.conjugate(q_w[:, :-1])))
     found_pos, found_q = [pos_w[:, 0]], [q_w[:, 0]]
     for part in range(way.shape[1]):
-        for share in np.arange(1, STEPS + 1) / STEPS:
+        for share in np.arange(1, STEPS_PER_GOAL + 1) / STEPS_PER_GOAL:
             found_pos.append(pos_w[:, part] + share * way[:, part])
             found_q.append(
                 transforms.multiply(transforms.from_rotation_vector(share * turn[:, part]), q_w[:, part])

@@ -13,12 +13,12 @@ from avrgym.geometry import capsules, kinematics, transforms
 from avrgym.models import collision_bits
 from avrgym.models.scene import TOOL_BODY, SceneConfig, robot_with_tool
 from avrgym.models.self_collision import collision_pairs
-from avrgym.models.task_frame import MIRRORED_LINK
+from avrgym.models.task_frame import LINK_MIRROR_FACTORS
 from avrgym.people.arm_clearance import Boxes
 
 
 @dataclass(frozen=True, eq=False)
-class ArmShape:
+class ArmCapsules:
     """Capsules of arm, hand and tool.
 
     Attributes:
@@ -29,22 +29,22 @@ class ArmShape:
         is_tool: whether a capsule belongs to the tool (C,).
     """
 
-    links: tuple[kinematics.Chain, ...]
-    link: IntArray
-    ends: FloatArray
+    link_chains: tuple[kinematics.Chain, ...]
+    link_index: IntArray
+    axis_ends: FloatArray
     radius_m: FloatArray
     is_tool: BoolArray
 
 
 @cache
-def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
+def arm_capsules(scene: SceneConfig, chain: kinematics.Chain) -> ArmCapsules:
     """Returns capsules around the collision geoms of the moving arm and of a driving base.
 
     ``chain`` is the scene's ``placement.planning_chain``.
     """
     moving = [capsule for capsule in _robot_capsules(scene) if capsule.link >= 0]
-    links = tuple(_part(chain, count) for count in range(1, len(chain.lower) + 1))
-    return ArmShape(
+    links = tuple(_part(chain, count) for count in range(1, len(chain.lower_limit) + 1))
+    return ArmCapsules(
         links,
         np.array([capsule.link for capsule in moving]),
         np.array([capsule.ends for capsule in moving]),
@@ -54,26 +54,26 @@ def arm_shape(scene: SceneConfig, chain: kinematics.Chain) -> ArmShape:
 
 
 @dataclass(frozen=True, eq=False)
-class SelfShape:
+class SelfCollisionShape:
     """Capsules of a whole robot, and pairs of capsules that may collide.
 
     ``arm`` contains all capsules. Capsules of parts that do not move have the ``link`` −1. Their ends are in the frame
     of the base. ``pairs`` (P, 2) are indices of capsules.
     """
 
-    arm: ArmShape
-    pairs: IntArray
+    capsules: ArmCapsules
+    capsule_pairs: IntArray
 
 
 @cache
-def self_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfShape:
+def self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCollisionShape:
     """Returns the capsules of a scene's robot, and the pairs of capsules that may collide.
 
     Capsules are larger than the links. Pairs whose capsules overlap at the seed pose are therefore excluded.
     """
     capsules_of = _robot_capsules(scene)
-    links = tuple(_part(chain, count) for count in range(1, len(chain.lower) + 1))
-    arm = ArmShape(
+    links = tuple(_part(chain, count) for count in range(1, len(chain.lower_limit) + 1))
+    arm = ArmCapsules(
         links,
         np.array([capsule.link for capsule in capsules_of]),
         np.array([capsule.ends for capsule in capsules_of]),
@@ -86,33 +86,35 @@ def self_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfShape:
         for (one, first), (other, second) in combinations(enumerate(capsules_of), 2)
         if frozenset((first.body, second.body)) in colliding
     ]
-    found = SelfShape(arm, np.array(pairs, dtype=np.intp).reshape(-1, 2))
-    travel = len(chain.lower) - len(scene.arm.joints)
+    found = SelfCollisionShape(arm, np.array(pairs, dtype=np.intp).reshape(-1, 2))
+    travel = len(chain.lower_limit) - len(scene.arm.joints)
     seed = np.concatenate([np.zeros(travel), scene.arm.seed_pose])
     apart = _pair_gaps_m(found, seed[None])[0] > 0.0
-    return SelfShape(arm, found.pairs[apart])
+    return SelfCollisionShape(arm, found.capsule_pairs[apart])
 
 
-def self_distance_m(scene: SceneConfig, chain: kinematics.Chain, joint_positions: FloatArray) -> FloatArray:
+def min_self_distance_m(
+    scene: SceneConfig, chain: kinematics.Chain, joint_positions: FloatArray
+) -> FloatArray:
     """Returns the smallest distance (N,) in metres between links that may collide, at joint positions (N, J)."""
-    return _pair_gaps_m(self_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
+    return _pair_gaps_m(self_collision_shape(scene, chain), joint_positions).min(axis=-1, initial=np.inf)
 
 
-def _pair_gaps_m(shape: SelfShape, joint_positions: FloatArray) -> FloatArray:
+def _pair_gaps_m(shape: SelfCollisionShape, joint_positions: FloatArray) -> FloatArray:
     """Returns the distances (N, P) in metres between the capsules of each pair, at joint positions (N, J)."""
-    ends = _link_ends(shape.arm, joint_positions)
-    one, other = shape.pairs.T
+    ends = _link_ends(shape.capsules, joint_positions)
+    one, other = shape.capsule_pairs.T
     apart = capsules.segment_distance(ends[:, one, 0], ends[:, one, 1], ends[:, other, 0], ends[:, other, 1])
-    return apart - shape.arm.radius_m[one] - shape.arm.radius_m[other]
+    return apart - shape.capsules.radius_m[one] - shape.capsules.radius_m[other]
 
 
-def _link_ends(shape: ArmShape, joint_positions: FloatArray) -> FloatArray:
+def _link_ends(shape: ArmCapsules, joint_positions: FloatArray) -> FloatArray:
     """Returns the ends (N, C, 2, 3) of capsule axes at joint positions (N, J), in the frame of the base."""
-    ends = np.tile(shape.ends, (len(joint_positions), 1, 1, 1))
-    for number, chain in enumerate(shape.links):
-        on_link = np.nonzero(shape.link == number)[0]
+    ends = np.tile(shape.axis_ends, (len(joint_positions), 1, 1, 1))
+    for number, chain in enumerate(shape.link_chains):
+        on_link = np.nonzero(shape.link_index == number)[0]
         pos, q = kinematics.forward_kinematics(chain, joint_positions[:, : number + 1])
-        ends[:, on_link] = pos[:, None, None] + transforms.rotate(q[:, None, None], shape.ends[on_link])
+        ends[:, on_link] = pos[:, None, None] + transforms.rotate(q[:, None, None], shape.axis_ends[on_link])
     return ends
 
 
@@ -138,7 +140,7 @@ def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
     bodies = [int(model.joint(name).bodyid[0]) for name in scene.arm.joints]
     if scene.robot.drive is not None:
         bodies.insert(0, base)
-    sides = MIRRORED_LINK if scene.frame.mirrored else 1.0
+    sides = LINK_MIRROR_FACTORS if scene.task_frame.mirrored else 1.0
     found: list[_Capsule] = []
     for geom in np.nonzero(model.geom_group == collision_bits.COLLISION_GROUP)[0]:
         carrier = _carrier(model, int(model.geom_bodyid[geom]), bodies)
@@ -153,7 +155,7 @@ def _robot_capsules(scene: SceneConfig) -> list[_Capsule]:
 
 
 @cache
-def furniture_boxes(scene: SceneConfig) -> Boxes:
+def fixed_furniture_boxes(scene: SceneConfig) -> Boxes:
     """Returns boxes around the collision geoms of the furniture, in the scene's frame. Movable bodies are excluded."""
     spec = mujoco.MjSpec()
     for add in scene.furniture:
@@ -167,10 +169,10 @@ def furniture_boxes(scene: SceneConfig) -> Boxes:
     ]
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     q_w = transforms.from_matrix(data.geom_xmat[geoms].reshape(-1, 3, 3))
-    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half).in_frame(scene.frame)
+    return Boxes(data.geom_xpos[geoms] + transforms.rotate(q_w, centre), q_w, half).in_frame(scene.task_frame)
 
 
-class Clearance:
+class RobotClearance:
     """Computes the distances of the arms in N worlds from person and furniture, at any joint positions."""
 
     def __init__(
@@ -180,7 +182,7 @@ class Clearance:
 
         ``chain`` is the scene's ``placement.planning_chain``.
         """
-        self._shape, self._boxes = arm_shape(scene, chain), furniture_boxes(scene)
+        self._shape, self._boxes = arm_capsules(scene, chain), fixed_furniture_boxes(scene)
         self._base_pos_w, self._base_q_w = (part[:, None, None, None] for part in (base_pos_w, base_q_w))
 
     def min_distance_m(
@@ -245,12 +247,12 @@ def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
     """Returns the chain of the first ``count`` joints. Its tip is the body of the last joint."""
     return replace(
         chain,
-        pos=chain.pos[:count],
-        q=chain.q[:count],
-        axis=chain.axis[:count],
+        pos=chain.body_pos[:count],
+        q=chain.body_q[:count],
+        axis=chain.joint_axis[:count],
         tip_pos=np.zeros(3),
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower=chain.lower[:count],
-        upper=chain.upper[:count],
-        slides=frozenset(joint for joint in chain.slides if joint < count),
+        lower=chain.lower_limit[:count],
+        upper=chain.upper_limit[:count],
+        slides=frozenset(joint for joint in chain.slide_joints if joint < count),
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 from avrgym.models.furniture.bed import MATTRESS_TOP_M
 from avrgym.models.furniture.wheelchair import SEAT_HEIGHT_M
-from avrgym.models.robot import SIDES, Arm, Furniture, Mount, Robot, robot_as_furniture
+from avrgym.models.robot import SIDES, Arm, FurnitureBuilder, Mount, Robot, robot_as_furniture
 from avrgym.models.scene import SceneConfig
 from avrgym.models.task_frame import TaskFrame
 from avrgym.robots.registry import find_robot
@@ -83,7 +83,7 @@ def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> Scene
         posture = replace(posture, hips_deg=settings.backrest_deg - 90.0, thigh_deg=-settings.backrest_deg)
     if frame == TaskFrame():
         return replace(scene, posture=posture)
-    task_scene = replace(scene, posture=posture, mount=frame.mount(scene.mount), frame=frame)
+    task_scene = replace(scene, posture=posture, mount=frame.transform_mount(scene.mount), frame=frame)
     return replace(scene, posture=replace(posture, rise_m=frame.rise_m), task_scene=task_scene)
 
 
@@ -111,11 +111,11 @@ def _other_arm(robot: Robot, arm: Arm) -> Arm:
     return next((other for other in others if other.joints != arm.joints), arm)
 
 
-def _takes(add: Furniture, keyword: str) -> bool:
+def _takes(add: FurnitureBuilder, keyword: str) -> bool:
     return keyword in inspect.signature(add).parameters
 
 
-def _with(add: Furniture, given: dict[str, Any]) -> Furniture:
+def _with(add: FurnitureBuilder, given: dict[str, Any]) -> FurnitureBuilder:
     """Returns the furniture function with the keyword arguments that it accepts."""
     taken = {name: value for name, value in given.items() if _takes(add, name)}
     return partial(add, **taken) if taken else add

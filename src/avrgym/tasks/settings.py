@@ -18,7 +18,7 @@ TASK_SETTINGS = ("tool", "particles", "table_offset_m")
 PERSON_SETTINGS = ("torso_height_m", "range_share")
 """Settings of randomly sampled people. They have no effect on a fixed person or a participant."""
 MAX_TABLE_OFFSET_M, MAX_ROBOT_DISTANCE_M = (0.4, 0.4, 0.2), 4.0
-LIMITS: Mapping[str, tuple[float, float]] = {
+SETTING_LIMITS: Mapping[str, tuple[float, float]] = {
     "body_mass_kg": (30.0, 200.0),
     "range_share": (0.2, 1.0),
     "seat_height_m": (0.40, 0.60),
@@ -108,7 +108,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
                 (low, high),
                 f"minimum and maximum in this order, both from {lowest:g} to {highest:g} m",
             )
-        for name, (lowest, highest) in LIMITS.items():
+        for name, (lowest, highest) in SETTING_LIMITS.items():
             value = getattr(self, name)
             if value is not None and not lowest <= value <= highest:
                 raise _refusal(name, value, f"{lowest:g} to {highest:g}")
@@ -119,22 +119,24 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return 1.0 / self.control_hz
 
     @property
-    def changed(self) -> dict[str, Any]:
+    def changed_values(self) -> dict[str, Any]:
         """Settings that differ from the defaults, as plain values by name."""
         return msgspec.to_builtins(self)
 
     def __str__(self) -> str:
-        return ", ".join(f"{name}={value}" for name, value in self.changed.items()) or "default settings"
+        return (
+            ", ".join(f"{name}={value}" for name, value in self.changed_values.items()) or "default settings"
+        )
 
 
-DEFAULTS = Settings()
+DEFAULT_SETTINGS = Settings()
 
 
 def _refusal(name: str, value: object, allowed: str) -> ValueError:
     return ValueError(f"{name} is {value!r}; allowed: {allowed}")
 
 
-def as_settings(values: Mapping[str, Any]) -> Settings:
+def settings_from_values(values: Mapping[str, Any]) -> Settings:
     """Returns the settings, given plain values by name.
 
     Raises:
@@ -164,4 +166,4 @@ def parse_settings(lines: Sequence[str]) -> Settings:
             values[name] = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             values[name] = text
-    return as_settings(values)
+    return settings_from_values(values)

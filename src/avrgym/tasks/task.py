@@ -11,13 +11,13 @@ from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import namespace, to_device_of
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import JOINTS, People
 from avrgym.models.robot import Mount, Robot, Side
 from avrgym.models.scene import SceneConfig
-from avrgym.people.cooperation import OfferedPart
+from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import Arms, Simulation, Start, State
+from avrgym.simulation.worlds import ArmPoses, InitialState, Simulation, State
 from avrgym.tasks.observation import Observation
 from avrgym.tasks.settings import TASK_SETTINGS, Settings
 
@@ -138,7 +138,7 @@ class Marks:
     count: int
     radius_m: float
     rgb: tuple[float, float, float]
-    places: Callable[[Arms, TaskState], FloatArray]
+    places: Callable[[ArmPoses, TaskState], FloatArray]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,10 +186,10 @@ class Task:
     name: str
     goal: str
     pose: Pose
-    offered: OfferedPart
+    offered: OfferedBodyPart
     scene: Callable[[Robot], SceneConfig]
     num_uniforms: int
-    start: Callable[[SceneConfig, People, FloatArray], Start]
+    start: Callable[[SceneConfig, People, FloatArray], InitialState]
     init_state: Callable[[People, FloatArray], TaskState]
     observation: Callable[[SceneConfig], Observation]
     weights: Mapping[str, float]
@@ -203,7 +203,7 @@ class Task:
     detour_m: Callable[[State, TaskState], FloatArray] | None = None
     marks: Marks | None = None
     withdraws_after_success: bool = False
-    tracked: tuple[BodyPart, ...] = ("head",)
+    tracked: tuple[TrackedBodyPart, ...] = ("head",)
     variant: Callable[[Settings], "Task"] | None = None
 
     def __post_init__(self) -> None:
@@ -228,7 +228,7 @@ class Task:
                 f"the field strength_share of task {self.name} is {share!r}; allowed: None, a number above 0 and up "
                 f"to 1, or such numbers by joint name ({', '.join(JOINTS)})"
             )
-        if "head" not in self.tracked or not set(self.tracked) <= set(BODY_PARTS):
+        if "head" not in self.tracked or not set(self.tracked) <= set(TRACKED_BODY_PARTS):
             raise ValueError(
                 f"the field tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' "
                 "for the arms that the robot works on"
@@ -289,7 +289,7 @@ class Task:
         return total
 
 
-OFFERED_PARTS: tuple[OfferedPart, ...] = get_args(OfferedPart)
+OFFERED_PARTS: tuple[OfferedBodyPart, ...] = get_args(OfferedBodyPart)
 _KINDS: Mapping[str, type] = {
     "name": str,
     "goal": str,

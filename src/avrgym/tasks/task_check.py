@@ -4,13 +4,13 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.placement_check import check_starts
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Expert
 
-WORLDS, STEPS = 3, 5
+CHECK_WORLDS, CHECK_STEPS = 3, 5
 
 
 def check_task(name: str) -> None:
@@ -26,7 +26,7 @@ def check_task(name: str) -> None:
     for environment_id, (task, _) in ENVIRONMENTS.items():
         if task == name:
             check_starts(environment_id)
-            episodes = Episodes(environment_id, WORLDS, num_threads=1)
+            episodes = Episodes(environment_id, CHECK_WORLDS, num_threads=1)
             for part in ("expert", "feedback_expert", "memory_expert"):
                 expert: Expert | None = getattr(TASKS[name], part)
                 if expert is not None:
@@ -44,21 +44,23 @@ def _check_expert(episodes: Episodes, name: str, expert: Expert) -> None:
 
 def _observations(episodes: Episodes, expert: Expert, where: str) -> FloatArray:
     """Run a few steps with an expert. Returns the observations (T, N, O)."""
-    episodes.reset(np.arange(WORLDS), [random_streams.episode_generator(seed) for seed in range(WORLDS)])
+    episodes.reset(
+        np.arange(CHECK_WORLDS), [random_streams.episode_generator(seed) for seed in range(CHECK_WORLDS)]
+    )
     steps = [episodes.evaluate_state()]
     controller = expert(episodes)
-    for _ in range(STEPS):
+    for _ in range(CHECK_STEPS):
         steps.append(episodes.step(controller(steps[-1].observation)))
     for step in steps:
         _check_step(episodes, step, where)
     return np.array([step.observation for step in steps])
 
 
-def _check_step(episodes: Episodes, step: Step, where: str) -> None:
+def _check_step(episodes: Episodes, step: StepOutcome, where: str) -> None:
     bound = episodes.observation.bound
     for entry, within in zip(
         episodes.observation.entries,
-        np.split(np.abs(step.observation) <= bound, episodes.observation.ends[:-1], axis=1),
+        np.split(np.abs(step.observation) <= bound, episodes.observation.entry_ends[:-1], axis=1),
         strict=True,
     ):
         if not within.all():
@@ -68,10 +70,10 @@ def _check_step(episodes: Episodes, step: Step, where: str) -> None:
     terms = {f"reward term {name}": term for name, term in step.reward_terms.items()}
     figures = terms | {"distance_m": step.distance_m, "force_on_person_n": step.force_on_person_n}
     for name, values in figures.items():
-        if np.shape(values) != (WORLDS,) or not np.isfinite(values).all():
+        if np.shape(values) != (CHECK_WORLDS,) or not np.isfinite(values).all():
             raise ValueError(f"{where}: {name} is {values!r}; allowed: finite numbers of shape (N,)")
     for name, values, kinds in (("success", step.success, "b"), ("events", step.events, "bi")):
-        if np.shape(values) != (WORLDS,) or np.asarray(values).dtype.kind not in kinds:
+        if np.shape(values) != (CHECK_WORLDS,) or np.asarray(values).dtype.kind not in kinds:
             raise ValueError(
                 f"{where}: {name} is {values!r}; allowed: an array (N,) of NumPy kind {' or '.join(kinds)}"
             )

@@ -13,14 +13,20 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry.arrays import constant_like
-from avrgym.models.body_names import BodyPart
+from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.human import People
 from avrgym.models.scene import SceneConfig
-from avrgym.models.task_frame import OPPOSITE_GEOMS, TaskFrame, X, Y, opposite
-from avrgym.people.cooperation import OfferedPart
+from avrgym.models.task_frame import (
+    OPPOSITE_GEOM_INDICES,
+    X_AXIS_INDEX,
+    Y_AXIS_INDEX,
+    TaskFrame,
+    opposite_side_name,
+)
+from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.people.distributions import Pose
-from avrgym.simulation.state import Arms
-from avrgym.simulation.worlds import Simulation, Start, State
+from avrgym.simulation.state import ArmPoses
+from avrgym.simulation.worlds import InitialState, Simulation, State
 from avrgym.tasks.observation import EntryFunction, Observation
 from avrgym.tasks.task import (
     Controller,
@@ -34,8 +40,8 @@ from avrgym.tasks.task import (
     Views,
 )
 
-_OTHER_SIDE: dict[BodyPart, BodyPart] = {"right": "left", "left": "right"}
-_OTHER_PART: dict[OfferedPart, OfferedPart] = {"arm": "left_arm", "left_arm": "arm"}
+_OTHER_SIDE: dict[TrackedBodyPart, TrackedBodyPart] = {"right": "left", "left": "right"}
+_OTHER_PART: dict[OfferedBodyPart, OfferedBodyPart] = {"arm": "left_arm", "left_arm": "arm"}
 _POINTS = (
     "robot_pos_w", "tool_pos_w", "pad_pos_w", "head_pos_w", "mouth_pos_w", "particle_pos_w", "cloth_pos_w",
     "tool_contact_pos_w",
@@ -69,15 +75,17 @@ def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
         return changed
     return replace(
         changed,
-        goal=with_other_arm(task.goal),
-        pose=Pose(frame.joint_angles(task.pose.rest_rad), frame.per_joint(task.pose.spread_rad)),
+        goal=goal_for_other_arm(task.goal),
+        pose=Pose(
+            frame.transform_joint_angles(task.pose.rest_rad), frame.exchange_joint_sides(task.pose.spread_rad)
+        ),
         offered=_OTHER_PART.get(task.offered, task.offered),
         tracked=tuple(_OTHER_SIDE.get(part, part) for part in task.tracked),
         strength_share=_other_side(task.strength_share),
     )
 
 
-def with_other_arm(goal: str) -> str:
+def goal_for_other_arm(goal: str) -> str:
     """Returns the goal of a task with the words ``left arm`` and ``right arm`` exchanged."""
     for side, other in (("right", "left"), ("left", "right")):
         if f"{side} arm" in goal:
@@ -88,34 +96,34 @@ def with_other_arm(goal: str) -> str:
 def _other_side(strength_share: float | Mapping[str, float] | None) -> float | Mapping[str, float] | None:
     if not isinstance(strength_share, Mapping):
         return strength_share
-    return {opposite(name): share for name, share in strength_share.items()}
+    return {opposite_side_name(name): share for name, share in strength_share.items()}
 
 
 def state_in_frame(state: State, frame: TaskFrame, mirror_axis: int) -> State:
     """Returns a state, converted from the world frame to the task's frame."""
     if not (frame.mirrored or frame.rise_m):
         return state
-    changed: dict[str, Any] = {name: frame.points(getattr(state, name)) for name in _POINTS}
-    changed |= {name: frame.vectors(getattr(state, name)) for name in _VECTORS}
-    changed["placed_pos_w"] = {name: frame.points(pos) for name, pos in state.placed_pos_w.items()}
-    changed["person_segment_w"] = frame.points(state.person_segment_w)
+    changed: dict[str, Any] = {name: frame.transform_points(getattr(state, name)) for name in _POINTS}
+    changed |= {name: frame.transform_vectors(getattr(state, name)) for name in _VECTORS}
+    changed["placed_pos_w"] = {name: frame.transform_points(pos) for name, pos in state.placed_pos_w.items()}
+    changed["person_segment_w"] = frame.transform_points(state.person_segment_w)
     changed |= vars(_arms(state, frame))
     if frame.mirrored:
-        geoms = constant_like(OPPOSITE_GEOMS, state.person_radius_m)
+        geoms = constant_like(OPPOSITE_GEOM_INDICES, state.person_radius_m)
         changed["person_segment_w"] = changed["person_segment_w"][:, geoms]
         changed["person_radius_m"] = state.person_radius_m[:, geoms]
-        changed["head_q_w"] = frame.rotations(state.head_q_w, X)
-        changed["tool_q_w"] = frame.rotations(state.tool_q_w, mirror_axis)
-        changed["pad_q_w"] = frame.rotations(state.pad_q_w, mirror_axis)
+        changed["head_q_w"] = frame.transform_rotations(state.head_q_w, X_AXIS_INDEX)
+        changed["tool_q_w"] = frame.transform_rotations(state.tool_q_w, mirror_axis)
+        changed["pad_q_w"] = frame.transform_rotations(state.pad_q_w, mirror_axis)
         changed["base_displacement"] = _base_displacement(state.base_displacement, frame)
     return replace(state, **changed)
 
 
-def _arms(arms: Arms, frame: TaskFrame) -> Arms:
-    pos_w = [frame.points(pos) for pos in (arms.right_arm_pos_w, arms.left_arm_pos_w)]
-    q_w = [frame.rotations(q, X) for q in (arms.right_arm_q_w, arms.left_arm_q_w)]
+def _arms(arms: ArmPoses, frame: TaskFrame) -> ArmPoses:
+    pos_w = [frame.transform_points(pos) for pos in (arms.right_arm_pos_w, arms.left_arm_pos_w)]
+    q_w = [frame.transform_rotations(q, X_AXIS_INDEX) for q in (arms.right_arm_q_w, arms.left_arm_q_w)]
     right, left = (1, 0) if frame.mirrored else (0, 1)
-    return Arms(pos_w[right], q_w[right], pos_w[left], q_w[left])
+    return ArmPoses(pos_w[right], q_w[right], pos_w[left], q_w[left])
 
 
 def _base_displacement(displacement: FloatArray, frame: TaskFrame) -> FloatArray:
@@ -143,19 +151,21 @@ class _Wrapped:
             latest = self._latest = state, state_in_frame(state, self.frame, self.mirror_axis)
         return latest[1]
 
-    def start(self, scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+    def start(self, scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
         frame = self.frame
-        found = self.task.start(scene.in_task_frame, frame.people(people), uniforms)
+        found = self.task.start(scene.in_task_frame, frame.transform_people(people), uniforms)
         return replace(
             found,
             people=people,
-            robot_pos_w=frame.points(found.robot_pos_w, to_world=True),
-            robot_q_w=frame.rotations(found.robot_q_w, Y),
-            placed_pos_w={name: frame.points(pos, to_world=True) for name, pos in found.placed_pos_w.items()},
+            robot_pos_w=frame.transform_points(found.robot_pos_w, to_world=True),
+            robot_q_w=frame.transform_rotations(found.robot_q_w, Y_AXIS_INDEX),
+            placed_pos_w={
+                name: frame.transform_points(pos, to_world=True) for name, pos in found.placed_pos_w.items()
+            },
         )
 
     def init_state(self, people: People, uniforms: FloatArray) -> TaskState:
-        return self.task.init_state(self.frame.people(people), uniforms)
+        return self.task.init_state(self.frame.transform_people(people), uniforms)
 
     def observation(self, scene: SceneConfig) -> Observation:
         entries = self.task.observation(scene.in_task_frame).entries
@@ -175,8 +185,10 @@ class _Wrapped:
         return detour_m(self.state(state), task_state)
 
     def marks(self, marks: Marks) -> Marks:
-        def places(arms: Arms, task_state: TaskState) -> FloatArray:
-            return self.frame.points(marks.places(_arms(arms, self.frame), task_state), to_world=True)
+        def places(arms: ArmPoses, task_state: TaskState) -> FloatArray:
+            return self.frame.transform_points(
+                marks.places(_arms(arms, self.frame), task_state), to_world=True
+            )
 
         return replace(marks, places=places)
 
@@ -214,7 +226,7 @@ class _SimulationInFrame:
         return self._base(*self._simulation.base_pose())
 
     def _base(self, pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return self._frame.points(pos_w), self._frame.rotations(q_w, Y)
+        return self._frame.transform_points(pos_w), self._frame.transform_rotations(q_w, Y_AXIS_INDEX)
 
     def base_displacement(self) -> FloatArray:
         return _base_displacement(self._simulation.base_displacement(), self._frame)

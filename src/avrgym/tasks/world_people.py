@@ -9,21 +9,21 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.arrays import choose_index, namespace, to_device_of
 from avrgym.models.human import JOINTS, People, Person
-from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SUBSTEPS, SceneConfig
+from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS, PHYSICS_STEP_S, SceneConfig
 from avrgym.networks.policy import PolicyError
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, shoulder_limits
 from avrgym.people.arm_clearance import furniture_boxes
 from avrgym.people.clinical_impairments import sample_motor_signs
 from avrgym.people.distributions import Pose
-from avrgym.people.impaired_motion import ImpairedState, MotorSigns
+from avrgym.people.impaired_motion import ImpairedMotionState, MotorSigns
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.populations import Population, TrainedHumans, find_populations
 from avrgym.people.zoo import partners
 from avrgym.people.zoo.commanding import CommandingPartners, PartnerCommands
-from avrgym.simulation.start_clearance import TREMOR_CLEARANCE_M
+from avrgym.simulation.start_clearance import EXTRA_TREMOR_CLEARANCE_M
 from avrgym.simulation.state import State
 from avrgym.tasks.behaviour_model import BehaviourModel
-from avrgym.tasks.human_view import human_view_of
+from avrgym.tasks.human_view import human_observer_of
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import PERSON_SETTINGS, Settings
 from avrgym.tasks.task import replace_worlds
@@ -47,16 +47,16 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
     """
     populations = find_populations(name_or_path, TASKS)
     for population in populations:
-        if population.trained is None:
+        if population.trained_policy is None:
             continue
-        trained_for = population.trained.metadata.environment
+        trained_for = population.trained_policy.metadata.environment
         if trained_for != environment_id:
             raise PolicyError(
                 f"{population.name}: this human was trained for {trained_for}; for {environment_id}, train one with "
                 f"`avrgym train {environment_id} --recipe pair`"
             )
-        view, joints = human_view_of(environment_id)
-        sizes = (population.trained.observation_size, population.trained.action_size)
+        view, joints = human_observer_of(environment_id)
+        sizes = (population.trained_policy.observation_size, population.trained_policy.action_size)
         if sizes != (view.size, joints):
             raise PolicyError(
                 f"{population.name}: the lengths of observation and action are {sizes[0]} and {sizes[1]}; allowed in "
@@ -107,24 +107,26 @@ class WorldPeople:
             ValueError: for unknown names, or for populations that do not fit the environment. Also for settings of
                 sampled people together with a fixed person.
         """
-        given = [name for name in PERSON_SETTINGS if name in settings.changed]
+        given = [name for name in PERSON_SETTINGS if name in settings.changed_values]
         if given and person is not None:
             raise ValueError(
                 f"the setting {given[0]} is not possible with a fixed person; remove {given[0]} or the person"
             )
         self._settings = settings
         self.person = person
-        self._task, self._frame = TASKS[find_environment(environment_id)[0]], scene.in_task_frame.frame
-        self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.mirror_axis
+        self._task, self._frame = TASKS[find_environment(environment_id)[0]], scene.in_task_frame.task_frame
+        self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.symmetry_axis
         self._furniture = furniture_boxes(scene.furniture).in_frame(self._frame)
         requested = impairments.find_impairment(impairment)
         self._populations = [
             replace(population, impairment=population.effective_impairment(requested))
             for population in environment_populations(name_or_path, environment_id)
         ]
-        self._policies = [each.trained for each in self._populations if each.trained is not None]
+        self._policies = [
+            each.trained_policy for each in self._populations if each.trained_policy is not None
+        ]
         by_policy = bool(self._policies) and not (human_actions or driven)
-        self.trained = TrainedHumans(self._policies, num_worlds) if by_policy else None
+        self.trained_humans = TrainedHumans(self._policies, num_worlds) if by_policy else None
         self._actions = human_actions or by_policy
         if self._actions and self._frame.mirrored:
             raise ValueError(
@@ -134,37 +136,41 @@ class WorldPeople:
         are_partners = any(each.distribution.partners is not None for each in self._populations)
         clinical = any(impairments.is_clinical(each.impairment) for each in self._populations)
         trembles = clinical or any(each.impairment == "tremor" for each in self._populations)
-        self.extra_clearance_m = TREMOR_CLEARANCE_M if are_partners or trembles else 0.0
-        self.move = not driven and (
+        self.extra_clearance_m = EXTRA_TREMOR_CLEARANCE_M if are_partners or trembles else 0.0
+        self.is_moving = not driven and (
             self._actions
             or any(
-                each.distribution.moving or impairments.needs_joints(each.impairment)
+                each.distribution.moving or impairments.needs_movable_joints(each.impairment)
                 for each in self._populations
             )
         )
-        self._clinical = self.move and clinical
+        self._clinical = self.is_moving and clinical
         versions = {each.distribution.motion_version for each in self._populations}
-        self.smooth = self.move and not self._actions and versions == {MOTION_VERSION}
-        self.glide = self.move and not self.smooth and (self._actions or are_partners or clinical)
+        self.moves_every_physics_step = self.is_moving and not self._actions and versions == {MOTION_VERSION}
+        self.interpolates_targets = (
+            self.is_moving
+            and not self.moves_every_physics_step
+            and (self._actions or are_partners or clinical)
+        )
         own = self._populations[0].distribution.partners
         self.commands = None
-        if isinstance(own, CommandingPartners) and self.move and not self._actions:
+        if isinstance(own, CommandingPartners) and self.is_moving and not self._actions:
             self.commands = PartnerCommands(own, num_worlds)
         self._num_worlds = num_worlds
         self._steps_per_target = max(1, round(CONTROL_STEP_S / scene.control_step_s))
         self._steps = np.zeros(num_worlds, dtype=int)
 
     @property
-    def need_host(self) -> bool:
+    def needs_host(self) -> bool:
         """Whether these people can move only on the host."""
         return bool(self._policies) or self._actions
 
     @property
-    def spread_arm(self) -> bool:
+    def has_random_arm(self) -> bool:
         """Whether the initial pose of these people's arm is random."""
         return self.person is None and any(self._pose(each).has_random_arm for each in self._populations)
 
-    def place(self, example_array: Any) -> None:
+    def create_people(self, example_array: Any) -> None:
         """Create the people, and their behaviour model on the device of ``example_array``."""
         self._exemplar = example_array
         self._set_people(distributions.repeat_person(self.person or Person(), self._num_worlds))
@@ -178,7 +184,7 @@ class WorldPeople:
             )
         self._behaviour = BehaviourModel(
             self._populations[0].distribution,
-            self._frame.people(self.people),
+            self._frame.transform_people(self.people),
             self._task.offered,
             self._posture,
             human_actions=self._actions,
@@ -188,7 +194,7 @@ class WorldPeople:
     def _set_people(self, people: People) -> None:
         self.people = people
         self._device_people = to_device_of(people, self._exemplar)
-        self._people_in_frame = self._frame.people(self._device_people)
+        self._people_in_frame = self._frame.transform_people(self._device_people)
 
     def reset_to_person(self) -> None:
         """Replace the people of all worlds by the fixed person."""
@@ -210,7 +216,7 @@ class WorldPeople:
             others = self._sample(population, for_bodies[rows], for_impairments[rows], for_behaviour[rows])
             people = replace_worlds(people, others, rows)
         self._set_people(replace_worlds(self.people, people, ids))
-        self._behaviour.reset(ids, self._frame.people(people), for_behaviour)
+        self._behaviour.reset(ids, self._frame.transform_people(people), for_behaviour)
         if self._signs is not None and self._motion is not None:
             self._signs = replace_worlds(self._signs, self._sample_signs(chosen, for_impairments), ids)
             start = impaired_motion.initial_state(people.joint_angles_rad)
@@ -218,8 +224,8 @@ class WorldPeople:
         self._steps[ids] = 0
         if self.commands is not None:
             self.commands.reset(ids, for_behaviour)
-        if self.trained is not None:
-            self.trained.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
+        if self.trained_humans is not None:
+            self.trained_humans.reset(ids, chosen, for_behaviour[:, _EXPLORATION])
         return people
 
     def _sample(
@@ -247,7 +253,7 @@ class WorldPeople:
         if distribution.partners is not None:
             people = partners.apply_partner_bodies(people, distribution.partners.sample(for_behaviour[:, :2]))
         if self.person is None:
-            people = self._frame.people(people)
+            people = self._frame.transform_people(people)
         people = impairments.apply_impairment(people, population.impairment, for_impairments)
         share = self._settings.range_share
         return people if share == 1.0 else impairments.limit_joint_ranges(people, share * people.range_share)
@@ -266,7 +272,7 @@ class WorldPeople:
     def _pose(self, population: Population) -> Pose:
         return population.distribution.pose_for_task(self._task.name, self._task.pose)
 
-    def command(self, action: FloatArray) -> None:
+    def command_joint_targets(self, action: FloatArray) -> None:
         """Move the people's joint targets by actions (N, K), see ``Episodes.command_people``."""
         joints = cooperation.OFFERED_JOINTS[self._task.offered]
         self._behaviour.move_targets(joints, action, self._limit)
@@ -275,25 +281,29 @@ class WorldPeople:
         """Returns joint targets (N, 20) for the end of the next 0.1 s, and the mask (N,) of worlds with new targets.
 
         If the mask is ``None``, the targets of all worlds are new. Call this method in every control step, or every 0.1
-        s if control steps are longer. With ``smooth``, call ``next_targets`` instead.
+        s if control steps are longer. With ``smooth``, call ``next_joint_targets`` instead.
         """
         world_mask = self._due(self._steps_per_target)
         self._steps += 1
         targets = self._behaviour.step(
             self._observing(observe), self._people_in_frame, self._limit_in_frame, world_mask
         )
-        return self._impaired(self._frame.joint_angles(targets), CONTROL_STEP_S, world_mask), world_mask
+        return self._impaired(
+            self._frame.transform_joint_angles(targets), CONTROL_STEP_S, world_mask
+        ), world_mask
 
-    def next_targets(self, observe: Callable[[], State], count: int) -> FloatArray:
+    def next_joint_targets(self, observe: Callable[[], State], count: int) -> FloatArray:
         """Returns the joint targets (``count``, N, 20) for the ends of the next ``count`` physics steps.
 
-        ``count`` divides ``SUBSTEPS``. The sum of all previous counts is a multiple of ``count``.
+        ``count`` divides ``DEFAULT_SUBSTEPS``. The sum of all previous counts is a multiple of ``count``.
         """
-        world_mask = self._due(SUBSTEPS)
+        world_mask = self._due(DEFAULT_SUBSTEPS)
         if world_mask is None or world_mask.any():
-            self._behaviour.choose_goals(self._observing(observe), self._limit_in_frame, world_mask)
+            self._behaviour.choose_goal_angles(self._observing(observe), self._limit_in_frame, world_mask)
         self._steps += count
-        targets = self._frame.joint_angles(self._behaviour.next_targets(self._limit_in_frame, count))
+        targets = self._frame.transform_joint_angles(
+            self._behaviour.next_joint_targets(self._limit_in_frame, count)
+        )
         if self._signs is None:
             return targets
         return namespace(targets).stack([self._impaired(each, PHYSICS_STEP_S) for each in targets])
@@ -319,7 +329,7 @@ class WorldPeople:
             self._motion = motion
         else:
             rows = np.nonzero(world_mask)[0]
-            taken = ImpairedState(**{name: array[rows] for name, array in vars(motion).items()})
+            taken = ImpairedMotionState(**{name: array[rows] for name, array in vars(motion).items()})
             self._motion = replace_worlds(self._motion, taken, rows)
         return self._limit(executed)
 
@@ -328,17 +338,17 @@ class WorldPeople:
         return lambda: state_in_frame(observe(), self._frame, self._mirror_axis)
 
     def _limit_in_frame(self, joint_angles_rad: FloatArray) -> FloatArray:
-        return reachable_rad(self._people_in_frame, joint_angles_rad)
+        return clip_joint_angles(self._people_in_frame, joint_angles_rad)
 
     def _limit(self, joint_angles_rad: FloatArray) -> FloatArray:
-        return reachable_rad(self._device_people, joint_angles_rad)
+        return clip_joint_angles(self._device_people, joint_angles_rad)
 
     def snapshot(self) -> dict[str, Any]:
         """Returns the state on which the next steps depend."""
         return {
             "people": self.people,
             "behaviour": self._behaviour.snapshot(),
-            "trained": None if self.trained is None else self.trained.snapshot(),
+            "trained": None if self.trained_humans is None else self.trained_humans.snapshot(),
             "steps": self._steps.copy(),
             "commands": None if self.commands is None else self.commands.snapshot(),
             "impaired": (self._signs, self._motion),
@@ -352,10 +362,10 @@ class WorldPeople:
         if self.commands is not None:
             self.commands.restore(snapshot["commands"])
         self._signs, self._motion = snapshot["impaired"]
-        if self.trained is not None:
-            self.trained.restore(snapshot["trained"])
+        if self.trained_humans is not None:
+            self.trained_humans.restore(snapshot["trained"])
 
 
-def reachable_rad(people: People, joint_angles_rad: FloatArray) -> FloatArray:
+def clip_joint_angles(people: People, joint_angles_rad: FloatArray) -> FloatArray:
     """Returns joint angles (..., N, 20), clipped to the joint ranges and shoulder limits of these people."""
-    return shoulder_limits.clip(impairments.clip_to_ranges(people, joint_angles_rad))
+    return shoulder_limits.clip_shoulders(impairments.clip_to_ranges(people, joint_angles_rad))

@@ -20,9 +20,9 @@ from avrgym.system.files import read_user_text
 
 TEXTS_FOLDER = "texts"
 """Folder of a study's own texts, relative to the study's folder."""
-LANGUAGE = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
+LANGUAGE_TAG_PATTERN = re.compile(r"[a-z]{2,3}(-[A-Za-z0-9]{2,8})*")
 """Pattern of a BCP 47 language tag, as in HTML's ``lang``."""
-DIRECTIONS = ("ltr", "rtl")
+TEXT_DIRECTIONS = ("ltr", "rtl")
 """Text directions, as in HTML's ``dir``."""
 MAX_LISTED_KEYS = 5
 """Maximum number of missing keys in an error message."""
@@ -50,26 +50,28 @@ OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_asid
 """Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
 PAGE_SUFFIX = "_page"
 """Suffix of keys under ``session`` for the participant's page without a headset."""
-SELECT, SELECT_BY = "select", "select_by_"
+SELECT_PLACEHOLDER, SELECT_NAME_PREFIX = "select", "select_by_"
 """Placeholder for the name of the select action, and prefix of the keys with the names for each select input."""
-CHOOSE, CHOOSE_BY = "choose", "choose_by_"
+CHOOSE_PLACEHOLDER, CHOOSE_NAME_PREFIX = "choose", "choose_by_"
 """Placeholder and prefix of keys for the action that chooses a named button."""
-PROFILE_INPUTS = ("dwell", "scan", "step", "remote")
+PROFILE_SELECT_INPUTS = ("dwell", "scan", "step", "remote")
 """Select inputs of input profiles: head, one switch, two switches, experimenter. Their names are optional."""
-DEFAULT_INPUT = "trigger"
+DEFAULT_SELECT_INPUT = "trigger"
 """Select input of texts without another input."""
 
 
-class TextsError(ValueError):
+class InvalidTextsError(ValueError):
     """Raised if the texts of a language are missing or invalid. The message contains file and allowed values."""
 
 
 @dataclass(frozen=True)
-class Text:
+class ParticipantText:
     """A text for a participant. ``key``: key under ``session``. ``values``: values of placeholders, by name."""
 
     key: str
-    values: "Mapping[str, str | Text]" = field(default_factory=dict[str, "str | Text"])
+    placeholder_values: "Mapping[str, str | ParticipantText]" = field(
+        default_factory=dict[str, "str | ParticipantText"]
+    )
 
 
 class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,7 +86,7 @@ class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
-class Texts:
+class InterfaceTexts:
     """All texts in one language.
 
     ``language``: a tag such as ``de``. ``name``: name of the language. ``direction``: ``ltr`` or ``rtl``. ``decimal``:
@@ -100,34 +102,46 @@ class Texts:
     page: Mapping[str, str]
     sentences: Mapping[str, str]
 
-    def render(self, text: Text, select_by: str = DEFAULT_INPUT) -> str:
+    def render(self, text: ParticipantText, select_by: str = DEFAULT_SELECT_INPUT) -> str:
         """Returns the text for VR with filled-in placeholders. ``select_by``: select input, such as ``trigger``."""
-        select, choose = (self.session.get(prefix + select_by, "") for prefix in (SELECT_BY, CHOOSE_BY))
-        values = {name: self._render_value(value, select_by) for name, value in text.values.items()}
-        values |= {SELECT: select, SELECT.capitalize(): select[:1].upper() + select[1:], CHOOSE: choose}
+        select, choose = (
+            self.session.get(prefix + select_by, "") for prefix in (SELECT_NAME_PREFIX, CHOOSE_NAME_PREFIX)
+        )
+        values = {
+            name: self._render_value(value, select_by) for name, value in text.placeholder_values.items()
+        }
+        values |= {
+            SELECT_PLACEHOLDER: select,
+            SELECT_PLACEHOLDER.capitalize(): select[:1].upper() + select[1:],
+            CHOOSE_PLACEHOLDER: choose,
+        }
         return self.session[text.key].format_map(values)
 
-    def _render_value(self, value: str | Text, select_by: str) -> str:
-        if isinstance(value, Text):
+    def _render_value(self, value: str | ParticipantText, select_by: str) -> str:
+        if isinstance(value, ParticipantText):
             return self.render(value, select_by)
         return _NUMBER.sub(rf"\1{self.decimal}\2", value)
 
-    def render_by_input(self, text: Text) -> dict[str, str]:
+    def render_by_input(self, text: ParticipantText) -> dict[str, str]:
         """Returns the texts for VR, by select input. Texts that equal the text for the default input are omitted."""
-        kinds = [key.removeprefix(SELECT_BY) for key in self.session if key.startswith(SELECT_BY)]
+        kinds = [
+            key.removeprefix(SELECT_NAME_PREFIX) for key in self.session if key.startswith(SELECT_NAME_PREFIX)
+        ]
         texts = {kind: self.render(text, kind) for kind in kinds}
         return {kind: rendered for kind, rendered in texts.items() if rendered != self.render(text)}
 
-    def render_for_page(self, text: Text) -> str:
+    def render_for_page(self, text: ParticipantText) -> str:
         """Returns the text for the page without a headset, with values instead of placeholders."""
         on_page = text.key + PAGE_SUFFIX
-        return self.render(Text(on_page, text.values) if on_page in self.session else text)
+        return self.render(
+            ParticipantText(on_page, text.placeholder_values) if on_page in self.session else text
+        )
 
     def translate(self, sentence: str) -> str:
         """Returns the translation of an English sentence, or the sentence itself without a translation."""
         return self.sentences.get(normalize_whitespace(sentence), sentence)
 
-    def untranslated(self, sentences: Collection[str]) -> list[str]:
+    def untranslated_sentences(self, sentences: Collection[str]) -> list[str]:
         """Returns the English sentences that have no translation, without duplicates."""
         unique_sentences = dict.fromkeys(
             normalize_whitespace(sentence) for sentence in sentences if sentence.strip()
@@ -135,11 +149,11 @@ class Texts:
         return [sentence for sentence in unique_sentences if sentence not in self.sentences]
 
 
-class TextError(ValueError):
+class ParticipantActionError(ValueError):
     """Raised if the participant cannot do an action. ``text``: the reason, for the participant."""
 
-    def __init__(self, text: Text) -> None:
-        super().__init__(ENGLISH.render(text))
+    def __init__(self, text: ParticipantText) -> None:
+        super().__init__(ENGLISH_TEXTS.render(text))
         self.text = text
 
 
@@ -156,27 +170,27 @@ def included_languages() -> list[str]:
     return sorted(included)
 
 
-def read_texts(language: str, folder: Path | None = None) -> Texts:
+def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
     """Returns the texts in a language. Texts in the study's ``folder`` replace those of AVR Gym.
 
     Raises:
         TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from the English
             text.
     """
-    if not LANGUAGE.fullmatch(language):
-        raise TextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
+    if not LANGUAGE_TAG_PATTERN.fullmatch(language):
+        raise InvalidTextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")
     own = folder / TEXTS_FOLDER / f"{language}.toml" if folder is not None else None
     included = _read_included(language) if language in included_languages() else TextsFile()
     added = _read_own(own) if own is not None and own.is_file() else TextsFile()
     where = str(own) if own is not None else f"{TEXTS_FOLDER}/{language}.toml in a study's folder"
     if included == added == TextsFile():
-        raise TextsError(
+        raise InvalidTextsError(
             f"no texts in {language!r}: AVR Gym includes {', '.join(included_languages())}; add others in {where}"
         )
-    texts = Texts(
+    texts = InterfaceTexts(
         language,
         added.name or included.name or language,
-        added.direction or included.direction or DIRECTIONS[0],
+        added.direction or included.direction or TEXT_DIRECTIONS[0],
         added.decimal or included.decimal or ".",
         {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_KEYS} | included.session | added.session,
         {key: text for key, text in _ENGLISH.page.items() if is_optional(key)} | included.page | added.page,
@@ -204,7 +218,7 @@ def _read_own(path: Path) -> TextsFile:
     try:
         return _read(read_user_text(path), str(path))
     except (OSError, UnicodeDecodeError) as error:
-        raise TextsError(f"{path} cannot be read: {error}; allowed: a text file in UTF-8") from None
+        raise InvalidTextsError(f"{path} cannot be read: {error}; allowed: a text file in UTF-8") from None
 
 
 def _read(text: str, name: str) -> TextsFile:
@@ -212,17 +226,19 @@ def _read(text: str, name: str) -> TextsFile:
         values: Any = tomllib.loads(text)
         return msgspec.convert(values, TextsFile)
     except (tomllib.TOMLDecodeError, msgspec.ValidationError) as error:
-        raise TextsError(f"{name}: {error}") from None
+        raise InvalidTextsError(f"{name}: {error}") from None
 
 
-def _check(texts: Texts, where: str) -> None:
-    """Raises ``TextsError`` if keys or placeholders differ from the English texts.
+def _check(texts: InterfaceTexts, where: str) -> None:
+    """Raises ``InvalidTextsError`` if keys or placeholders differ from the English texts.
 
     A language may have additional page texts (``PAGE_SUFFIX``). It needs names of select actions only if a text
     contains ``{select}`` or ``{choose}``.
     """
-    if texts.direction not in DIRECTIONS:
-        raise TextsError(f"{where}: direction {texts.direction!r}; allowed: {', '.join(DIRECTIONS)}")
+    if texts.direction not in TEXT_DIRECTIONS:
+        raise InvalidTextsError(
+            f"{where}: direction {texts.direction!r}; allowed: {', '.join(TEXT_DIRECTIONS)}"
+        )
     for table in ("session", "page"):
         expected: Mapping[str, str] = getattr(_ENGLISH, table)
         found: Mapping[str, str] = getattr(texts, table)
@@ -235,28 +251,33 @@ def _check(texts: Texts, where: str) -> None:
         if missing:
             more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""
             untranslated = f"{', '.join(missing[:MAX_LISTED_KEYS])}{more}"
-            raise TextsError(
+            raise InvalidTextsError(
                 f"{where} lacks {untranslated} in [{table}]; allowed: a text for each key of the English file"
             )
         if unknown:
-            raise TextsError(f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(expected)}")
+            raise InvalidTextsError(
+                f"{where}: unknown {unknown[0]} in [{table}]; allowed: {', '.join(expected)}"
+            )
         for key, text in found.items():
             names = _names(expected[like[key]]) - _SELECTS
             if _names(text) - _SELECTS != names:
                 allowed = ", ".join(f"{{{name}}}" for name in sorted(names)) or "none"
-                raise TextsError(
+                raise InvalidTextsError(
                     f"{where}: {key} in [{table}] has other placeholders than English; allowed: {allowed}"
                 )
 
 
-_SELECTS = {SELECT, SELECT.capitalize(), CHOOSE}
+_SELECTS = {SELECT_PLACEHOLDER, SELECT_PLACEHOLDER.capitalize(), CHOOSE_PLACEHOLDER}
 
 
 def _is_needed(key: str, named: Collection[str]) -> bool:
     """Returns whether a language needs a key. ``named``: the placeholders in its texts."""
-    for prefix, placeholders in ((SELECT_BY, {SELECT, SELECT.capitalize()}), (CHOOSE_BY, {CHOOSE})):
+    for prefix, placeholders in (
+        (SELECT_NAME_PREFIX, {SELECT_PLACEHOLDER, SELECT_PLACEHOLDER.capitalize()}),
+        (CHOOSE_NAME_PREFIX, {CHOOSE_PLACEHOLDER}),
+    ):
         if key.startswith(prefix):
-            return key.removeprefix(prefix) not in PROFILE_INPUTS and bool(placeholders & set(named))
+            return key.removeprefix(prefix) not in PROFILE_SELECT_INPUTS and bool(placeholders & set(named))
     return True
 
 
@@ -278,5 +299,5 @@ def _is_toml(name: str) -> bool:
 
 
 _ENGLISH = _read_included("en")
-ENGLISH = read_texts("en")
+ENGLISH_TEXTS = read_texts("en")
 """The English texts of AVR Gym."""

@@ -7,7 +7,7 @@ tolerate 5 % for half an hour. Jitter above the limits means that tracking is di
 from collections.abc import Iterator, Sequence
 
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
-from avrgym.texts.interface_texts import ENGLISH, Text
+from avrgym.texts.interface_texts import ENGLISH_TEXTS, ParticipantText
 from avrgym.vr.latency import STAGE_LABELS
 
 MIN_DISPLAY_HZ = 60.0
@@ -16,39 +16,39 @@ MAX_LATENCY_MS = 100.0
 MIN_TRACKED_SHARE = 0.95
 MAX_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
 """Maximum jitter by tracked device, mm. Cameras track a bare hand less precisely."""
-MIN_FRAMES = 30
+MIN_RENDERED_FRAMES = 30
 
 
-def is_ready(check: HeadsetCheck) -> bool:
+def is_headset_ready(check: HeadsetCheck) -> bool:
     """Returns whether a session may begin."""
-    return not faults(check)
+    return not find_headset_faults(check)
 
 
-def faults(check: HeadsetCheck) -> list[Text]:
+def find_headset_faults(check: HeadsetCheck) -> list[ParticipantText]:
     """Returns the reasons why a session may not begin, each with its remedy."""
     of_parts = (_frame_faults, _latency_faults, _tracking_faults, _sense_faults, _stop_faults)
     return [fault for faults_of in of_parts for fault in faults_of(check)]
 
 
-def result_message(check: HeadsetCheck, max_faults: int) -> Text:
+def result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
     """Returns the result for the participant, with at most ``max_faults`` faults and the number of further faults."""
-    found = faults(check)
+    found = find_headset_faults(check)
     if not found:
-        return Text("headset_ready")
+        return ParticipantText("headset_ready")
     text = _in_a_row(found[:max_faults])
     if len(found) > max_faults:
-        text = Text("more_faults", {"faults": text, "more": str(len(found) - max_faults)})
-    return Text("headset_not_ready", {"faults": text})
+        text = ParticipantText("more_faults", {"faults": text, "more": str(len(found) - max_faults)})
+    return ParticipantText("headset_not_ready", {"faults": text})
 
 
 def result_text(check: HeadsetCheck) -> str:
     """Returns the result for experimenters, with all faults."""
-    return "Go: the headset is ready." if is_ready(check) else f"No-go. {fault_text(check)}"
+    return "Go: the headset is ready." if is_headset_ready(check) else f"No-go. {fault_text(check)}"
 
 
 def fault_text(check: HeadsetCheck) -> str:
     """Returns all faults, in English."""
-    return " ".join(ENGLISH.render(fault) for fault in faults(check))
+    return " ".join(ENGLISH_TEXTS.render(fault) for fault in find_headset_faults(check))
 
 
 def measurement_text(check: HeadsetCheck) -> str:
@@ -72,9 +72,9 @@ def _after(seconds: float | None) -> str:
     return "" if seconds is None else f" after {seconds:.1f} s"
 
 
-def _in_a_row(said: Sequence[Text]) -> Text:
+def _in_a_row(said: Sequence[ParticipantText]) -> ParticipantText:
     first, *rest = said
-    return Text("one_after_another", {"first": first, "rest": _in_a_row(rest)}) if rest else first
+    return ParticipantText("one_after_another", {"first": first, "rest": _in_a_row(rest)}) if rest else first
 
 
 def _of_display(display_hz: float | None) -> str:
@@ -99,33 +99,39 @@ def _part_text(name: str, part: TrackedPart) -> str:
     return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"
 
 
-def _frame_faults(check: HeadsetCheck) -> Iterator[Text]:
-    if check.frames < MIN_FRAMES:
-        yield Text("fault_no_pictures")
+def _frame_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
+    if check.frames < MIN_RENDERED_FRAMES:
+        yield ParticipantText("fault_no_pictures")
         return
     display_hz = check.display_hz or check.frame_rate_hz
     if display_hz < MIN_DISPLAY_HZ:
-        yield Text("fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{MIN_DISPLAY_HZ:.0f}"})
+        yield ParticipantText(
+            "fault_display", {"hz": f"{display_hz:.0f}", "least_hz": f"{MIN_DISPLAY_HZ:.0f}"}
+        )
     if check.dropped_share > MAX_DROPPED_SHARE:
         shares = {"percent": check.dropped_share, "most_percent": MAX_DROPPED_SHARE}
-        yield Text("fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()})
+        yield ParticipantText(
+            "fault_dropped", {name: f"{100.0 * share:.0f}" for name, share in shares.items()}
+        )
 
 
-def _latency_faults(check: HeadsetCheck) -> Iterator[Text]:
+def _latency_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
     total = check.latency_ms.get("total_ms")
     if total is None:
-        yield Text("fault_no_answer")
+        yield ParticipantText("fault_no_answer")
     elif total["p95"] > MAX_LATENCY_MS:
         slowest = max(STAGE_LABELS, key=lambda stage: check.latency_ms[stage]["p95"])
         values = {"ms": f"{total['p95']:.0f}", "most_ms": f"{MAX_LATENCY_MS:.0f}"}
-        yield Text("fault_late", values | {"advice": Text(f"advice_{slowest.removesuffix('_ms')}")})
+        yield ParticipantText(
+            "fault_late", values | {"advice": ParticipantText(f"advice_{slowest.removesuffix('_ms')}")}
+        )
 
 
-def _tracking_faults(check: HeadsetCheck) -> Iterator[Text]:
+def _tracking_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
     for name, part in _parts(check):
-        tracked = {"part": Text(f"part_{name.replace(' ', '_')}")}
+        tracked = {"part": ParticipantText(f"part_{name.replace(' ', '_')}")}
         if part.with_ == "mouse":
-            yield Text("fault_mouse", tracked)
+            yield ParticipantText("fault_mouse", tracked)
             continue
         if part.with_ == "rests":
             continue
@@ -134,19 +140,21 @@ def _tracking_faults(check: HeadsetCheck) -> Iterator[Text]:
                 "percent": f"{100.0 * part.share:.0f}",
                 "least_percent": f"{100.0 * MIN_TRACKED_SHARE:.0f}",
             }
-            yield Text("fault_untracked", tracked | shares)
+            yield ParticipantText("fault_untracked", tracked | shares)
         limit_mm = MAX_JITTER_MM.get("head" if name == "head" else part.with_)
         if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
-            yield Text("fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"})
+            yield ParticipantText(
+                "fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"}
+            )
 
 
-def _sense_faults(check: HeadsetCheck) -> Iterator[Text]:
+def _sense_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
     if check.haptics is False:
-        yield Text("fault_haptics")
+        yield ParticipantText("fault_haptics")
     if check.sound is False:
-        yield Text("fault_sound")
+        yield ParticipantText("fault_sound")
 
 
-def _stop_faults(check: HeadsetCheck) -> Iterator[Text]:
+def _stop_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
     if check.stop == "none":
-        yield Text("fault_no_stop")
+        yield ParticipantText("fault_no_stop")

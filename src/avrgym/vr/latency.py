@@ -16,12 +16,12 @@ STAGE_LABELS = {
 }
 """Labels of the stages between tracking and display, in order."""
 STAGES = tuple(STAGE_LABELS)
-TOTAL = "total_ms"
+TOTAL_LATENCY_KEY = "total_ms"
 """Key of the total latency from tracking to display."""
-SHARES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
+LATENCY_PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0}
 
 
-def is_complete(latency: Latency) -> bool:
+def has_all_stages(latency: Latency) -> bool:
     """Returns whether every frame has an entry for each stage."""
     return all(len(getattr(latency, stage)) == len(latency.sequence) for stage in STAGES)
 
@@ -31,8 +31,10 @@ def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
     stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
     if not stages[STAGES[0]].size:
         return {}
-    stages = {TOTAL: np.sum([*stages.values()], axis=0), **stages}
+    stages = {TOTAL_LATENCY_KEY: np.sum([*stages.values()], axis=0), **stages}
     return {
-        stage: dict(zip(SHARES, np.percentile(ms, [*SHARES.values()]).tolist(), strict=True))
+        stage: dict(
+            zip(LATENCY_PERCENTILES, np.percentile(ms, [*LATENCY_PERCENTILES.values()]).tolist(), strict=True)
+        )
         for stage, ms in stages.items()
     }

@@ -24,11 +24,11 @@ class ExperimenterClient:
     """An experimenter's connection without a page. ``targets`` are those that the participant can select now."""
 
     def __init__(self, server: LiveServer) -> None:
-        address = server.urls("watch", server.tokens.experimenter)[0].partition("#")[0]
+        address = server.page_urls("watch", server.tokens.experimenter)[0].partition("#")[0]
         self.targets = messages.Targets(0, [])
         self._opened = ExitStack()
         self._socket = self._opened.enter_context(connect(address.replace("http", "ws", 1), max_size=None))
-        hello = messages.Hello(messages.PROTOCOL, server.tokens.experimenter, "test", emulated=True)
+        hello = messages.Hello(messages.PROTOCOL_VERSION, server.tokens.experimenter, "test", emulated=True)
         self.send(hello)
         threading.Thread(target=self._receive, daemon=True).start()
 
@@ -76,16 +76,16 @@ class Chooser:
 
     def rest(self, poses: dict[str, Any]) -> dict[str, Any]:
         """Return the poses in which only the arms of the profile are tracked."""
-        resting = {arm: None for arm in ("left", "right") if arm not in self._profile.used_arms}
+        resting = {arm: None for arm in ("left", "right") if arm not in self._profile.tracked_arms}
         return poses | resting
 
     def choose(self, value: int, done: Callable[[], bool] | None = None) -> None:
         """Select a button until something is done, by default until another offer replaces it."""
         headset = self._headset
-        before = headset.call("offer")
-        done = done or (lambda: headset.call("offer") != before)
+        before = headset.call_emulator("offer")
+        done = done or (lambda: headset.call_emulator("offer") != before)
         while not done():
-            if value in [button["value"] for button in headset.call("buttons")]:
+            if value in [button["value"] for button in headset.call_emulator("buttons")]:
                 self._try(value)
             discard_attempt = time.monotonic() + PATIENCE_S
             while not done() and time.monotonic() < discard_attempt:
@@ -103,28 +103,28 @@ class Chooser:
                 headset.page.keyboard.press("a")
             case "two-switches":
                 headset.page.wait_for_timeout(GUARD_MS)
-                while headset.call("highlighted") != value:
+                while headset.call_emulator("highlighted") != value:
                     headset.page.keyboard.press("Space")
                 headset.page.keyboard.press("Enter")
             case "experimenter":
                 self._experimenter.press(value)
             case "left-hand":
-                headset.answer(value, "left")
+                headset.select_answer(value, "left")
             case _:
-                headset.answer(value)
+                headset.select_answer(value)
 
     def stop(self) -> None:
         """Stop the robot in the profile's own way."""
         headset = self._headset
-        match self._profile.stop_ways[0]:
+        match self._profile.stop_inputs[0]:
             case "switch":
                 headset.page.keyboard.press("Space")
             case "gaze":
                 headset.wait_for_frames(5)
-                headset.begin_stop("gaze")
+                headset.begin_emergency_stop("gaze")
             case "experimenter":
                 self._experimenter.send(messages.Command("stop"))
             case "palm":
-                headset.begin_stop("palm")
+                headset.begin_emergency_stop("palm")
             case _:
                 headset.press_menu("left")

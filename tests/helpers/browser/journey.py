@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.plan import Policies, SessionPlan
@@ -65,7 +65,7 @@ def finish_phases(headset: EmulatedHeadset, *phases: str) -> None:
     A slow page may need several presses. A late press can also end the next phase, so name all phases in one call.
     """
     _wait_for_any(headset, phases)
-    while headset.call("phase")["name"] in phases:
+    while headset.call_emulator("phase")["name"] in phases:
         headset.wait_for_frames(10)
         headset.pull_trigger("right")
 
@@ -142,11 +142,11 @@ class Journey:
         self.server = opened.enter_context(LiveServer(make, "127.0.0.1", 0))
         self.server.export_next_scene()
         self.headset = opened.enter_context(
-            EmulatedHeadset(self.server.url, **{"width": 320, "height": 180, **browser})
+            EmulatedHeadset(self.server.participant_url, **{"width": 320, "height": 180, **browser})
         )
         if not draws:
             skip_drawing(self.headset)
-        self.participant = SimulatedParticipant(draw_traits(plan.sex, 5), 5, plan.furniture)
+        self.participant = SimulatedParticipant(sample_participant_traits(plan.sex, 5), 5, plan.furniture)
 
     @property
     def session(self) -> Session:
@@ -154,7 +154,7 @@ class Journey:
 
     def enter(self) -> None:
         """Enter VR with the participant at rest."""
-        self.headset.set_poses(self.participant.frame(0.0, moving=False))
+        self.headset.set_poses(self.participant.tracking_frame(0.0, moving=False))
         self.headset.enter_vr()
         self.wait_for_phase("calibration")
 

@@ -100,7 +100,7 @@ class Served:
         """A WebSocket to a session, after the hello."""
         path = self.url(f"/session/{session_id}/{channel}", experimenter=experimenter)
         with connect(path.replace("http", "ws", 1), max_size=None, proxy=None, **options) as socket:
-            socket.send(messages.encode(Hello(messages.PROTOCOL, token, "test", emulated=True)))
+            socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
             yield socket
 
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from avrgym.networks.policy import HumanRole, Policy, PolicyMetadata
-from avrgym.tasks.human_view import human_view_of
+from avrgym.networks.policy import Policy, PolicyMetadata, TrainedHumanMetadata
+from avrgym.tasks.human_view import human_observer_of
 from avrgym.tasks.registry import observation_and_action_size
 
 
@@ -19,7 +19,7 @@ def random_network(
     deviation: float = 0.1,
 ) -> Policy:
     """Return the policy of a human or a robot with random weights."""
-    view, joints = human_view_of(environment)
+    view, joints = human_observer_of(environment)
     observed, acted = (view.size, joints) if of_human else observation_and_action_size(environment)
     random = np.random.default_rng(seed)
     return Policy(
@@ -36,7 +36,7 @@ def random_network(
             impairment=impairment,
             steps=0,
             seed=seed,
-            human=HumanRole(partner="") if of_human else None,
+            human=TrainedHumanMetadata(partner="") if of_human else None,
         ),
     )
 

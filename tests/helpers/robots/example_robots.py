@@ -8,7 +8,7 @@ import mujoco
 
 from avrgym.models.human import Person
 from avrgym.models.robot import Robot, UnsuitableRobotError, robot_spec
-from avrgym.models.scene import build_spec
+from avrgym.models.scene import build_scene_spec
 from avrgym.robots.registry import ROBOTS
 from avrgym.tasks.registry import TASKS
 from helpers.system.paths import ROOT
@@ -34,7 +34,7 @@ def scene_of(name: str, task: str) -> mujoco.MjModel | None:
         scene = TASKS[task].scene(ALL_ROBOTS[name])
     except UnsuitableRobotError:
         return None
-    return build_spec(scene, PERSON, moving=True, appearance=True).compile()
+    return build_scene_spec(scene, PERSON, moving=True, appearance=True).compile()
 
 
 def scenes_of(name: str) -> Iterator[mujoco.MjModel]:

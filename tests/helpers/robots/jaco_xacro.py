@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.robots.jaco.robot import MESHES
+from avrgym.robots.jaco.robot import MESH_FOLDER
 
-FOLDER = MESHES.parent / "urdf"
+FOLDER = MESH_FOLDER.parent / "urdf"
 PREFIX = "{http://www.ros.org/wiki/xacro}"
 CONSTANTS = {"J_PI": math.pi}
 OPERATORS: dict[type, Callable[..., Any]] = {

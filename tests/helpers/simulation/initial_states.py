@@ -5,11 +5,11 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import collision_bits
-from avrgym.models.human import joint_angles
+from avrgym.models.human import seated_joint_angles
 from avrgym.models.robot import PREFIX
 from avrgym.tasks.episodes import Episodes
 
-HAND_AT_ROBOT_RAD = joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
+HAND_AT_ROBOT_RAD = seated_joint_angles(right_shoulder_y=23.0, right_shoulder_x=-35.0, right_elbow_x=0.0)
 """Seated, with the right arm stretched down and forward to the mount of the Jaco on the wheelchair."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human, robot
-from avrgym.models.scene import PHYSICS_STEP_S, SUBSTEPS
+from avrgym.models.scene import DEFAULT_SUBSTEPS, PHYSICS_STEP_S
 from avrgym.people import shoulder_limits
 from avrgym.policies.trained import load_policy
 from avrgym.tasks.episodes import Episodes
@@ -58,10 +58,10 @@ def stop_at_random(environment: str, worlds: int, seed: int) -> Stops:
     act = _mixed_actor(episodes, rng)
     for _ in range(rng.integers(3, MAX_STEPS)):
         simulation.command_person(_waving(rest_rad, rng))
-        episodes.command(act())
-        simulation.step(SUBSTEPS)
+        episodes.command_robots(act())
+        simulation.step(DEFAULT_SUBSTEPS)
     simulation.command_robot(act())
-    simulation.step(int(rng.integers(1, SUBSTEPS)))
+    simulation.step(int(rng.integers(1, DEFAULT_SUBSTEPS)))
     before = simulation.state()
     simulation.brake_robot()
     pos_w = np.stack(
@@ -96,7 +96,9 @@ def _robot_pos_w(episodes: Episodes) -> FloatArray:
 def _waving(rest_rad: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Return joint targets of people (N, 20): every third person moves each joint by up to 5 degrees."""
     waving = (np.arange(len(rest_rad)) % 3 == 0)[:, None]
-    return shoulder_limits.clip(rest_rad + waving * np.radians(rng.uniform(-5.0, 5.0, rest_rad.shape)))
+    return shoulder_limits.clip_shoulders(
+        rest_rad + waving * np.radians(rng.uniform(-5.0, 5.0, rest_rad.shape))
+    )
 
 
 def _mixed_actor(episodes: Episodes, rng: np.random.Generator) -> Callable[[], FloatArray]:

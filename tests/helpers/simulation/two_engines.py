@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from avrgym.tasks.control_loop import Step
+from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import Controller
 
@@ -26,8 +26,8 @@ def episodes_on_both(environment: str, worlds: int, people: str = "revised", see
 class Comparison(NamedTuple):
     """Results of the same actions on threads and on Warp."""
 
-    threads: Step
-    warp: Step
+    threads: StepOutcome
+    warp: StepOutcome
     joint_positions: float
     """Maximum difference of the arms' joint angles."""
 

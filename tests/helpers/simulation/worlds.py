@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.scene import TOOL_CONTACTS
+from avrgym.models.scene import MAX_TOOL_CONTACTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 
@@ -42,9 +42,9 @@ def resting_state(**changes: Any) -> State:
         total_force_n=np.zeros(1),
         links_force_n=np.zeros(1),
         cloth_force_n=np.zeros(1),
-        tool_contact_pos_w=np.zeros((1, TOOL_CONTACTS, 3)),
-        tool_contact_normal_w=np.zeros((1, TOOL_CONTACTS, 3)),
-        tool_contact_force_n=np.zeros((1, TOOL_CONTACTS)),
+        tool_contact_pos_w=np.zeros((1, MAX_TOOL_CONTACTS, 3)),
+        tool_contact_normal_w=np.zeros((1, MAX_TOOL_CONTACTS, 3)),
+        tool_contact_force_n=np.zeros((1, MAX_TOOL_CONTACTS)),
     )
     return replace(plain, **changes)
 

@@ -7,7 +7,7 @@ from typing import Any
 from msgspec.structs import replace
 
 from avrgym.models.human import JOINTS
-from avrgym.recording.configuration import BodyModel, Configuration
+from avrgym.recording.configuration import BodyModel, TrialConfiguration
 from avrgym.recording.reader import Recording, read_header
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Trial
@@ -16,7 +16,7 @@ from avrgym.vr.session.attempt import versions
 from helpers.system.paths import OLD_RECORDING
 
 
-def configuration(**changes: Any) -> Configuration:
+def configuration(**changes: Any) -> TrialConfiguration:
     """Return a valid configuration of this version with changed fields."""
     return replace(read_header(OLD_RECORDING).configuration, **{"versions": versions()} | changes)
 
@@ -33,7 +33,7 @@ def with_configuration(recording: Recording, **changes: Any) -> Recording:
 
 def trial_configuration(
     design: Design, trial: Trial, *, simulated: bool, person: BodyModel, **changes: Any
-) -> Configuration:
+) -> TrialConfiguration:
     """Return the configuration of a trial of a design."""
     task, _ = find_environment(trial.environment)
     values = {
@@ -54,7 +54,7 @@ def trial_configuration(
         "stop_rules": design.stop_rules,
         "furniture": design.furniture,
         "reward_weights": dict(TASKS[task].weights),
-        "items": () if trial.practice else design.items_at("after_trial", trial.seed),
+        "items": () if trial.practice else design.items_at_moment("after_trial", trial.seed),
         "plugins": plugins_of(trial.environment),
     }
     return configuration(**values | changes)

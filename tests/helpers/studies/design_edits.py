@@ -6,8 +6,8 @@ from typing import NamedTuple
 from avrgym.policies.trained import packaged_policies
 from avrgym.questionnaires.jian_trust import JIAN_TRUST
 from avrgym.questionnaires.nasa_tlx import NASA_TLX
-from avrgym.study.design.design import default_text
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
+from avrgym.study.design.design import default_design_text
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import eligible_answers, run_participant
 
@@ -54,7 +54,7 @@ GERMAN = {
         words: f"{words} (auf Deutsch)"
         for instrument in (NASA_TLX, JIAN_TRUST)
         for item in instrument.items
-        for words in (item.text, item.low, item.high, *item.labels)
+        for words in (item.text, item.low_label, item.high_label, *item.labels)
         if words
     },
 }
@@ -270,7 +270,7 @@ EDITS = {
 
 def make_edited_study(folder: Path) -> Path:
     """Create a study in two languages with questionnaires of all kinds, a stop rule and its own policy."""
-    text = default_text().replace("[goals]", QUESTIONNAIRES)
+    text = default_design_text().replace("[goals]", QUESTIONNAIRES)
     for before, after in {
         'tasks = ["Feeding", "Drinking", "ScratchItch", "BedBathing"]': 'tasks = ["Feeding"]',
         'policies = ["original", "revised"]': 'policies = ["original", "mine"]',
@@ -302,7 +302,7 @@ def edit(folder: Path, *names: str) -> None:
 
 def participate(store: Store, language: str, *, simulated: bool = True, trials: int | None = None) -> str:
     """Run a participant's session in a language."""
-    pseudonym = enrol(store, "woman", age_years=30, language=language, simulated=simulated)
+    pseudonym = enrol_participant(store, "woman", age_years=30, language=language, simulated=simulated)
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
     run_participant(store, pseudonym, trials, simulated=simulated)

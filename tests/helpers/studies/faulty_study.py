@@ -16,18 +16,18 @@ from avrgym.study.storage.answers import attempts_with_open_questionnaire
 from avrgym.study.storage.rows import TrialAttempt
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Disconnected,
     Entered,
     Left,
+    ParticipantDisconnected,
     Question,
     Ready,
     Scene,
     SceneLoaded,
-    Sent,
+    SentMessage,
     Tracking,
     VisibilityChanged,
 )
@@ -92,7 +92,7 @@ class FaultyStudy:
         self.store, self.rng = store, random.Random(seed)
         self.devices = np.random.default_rng(seed)
         self.attempts: dict[str, list[Expected]] = {}
-        self.inbox: list[Sent] = []
+        self.inbox: list[SentMessage] = []
         self.ticks = 0
 
     @property
@@ -104,7 +104,7 @@ class FaultyStudy:
         for number in range(participants):
             self.pseudonym = enrol_with_consent(self.store)
             self.attempts[self.pseudonym] = []
-            self.participant = SimulatedParticipant(draw_traits("woman", number), number)
+            self.participant = SimulatedParticipant(sample_participant_traits("woman", number), number)
             self._open()
             ends = self.ticks + LIMIT_TICKS * len(self.store.trials(self.pseudonym))
             while self.sessions.participant is not None:
@@ -122,9 +122,9 @@ class FaultyStudy:
     @property
     def phase(self) -> str:
         session = self.sessions._session
-        return session.phase if session is not None else "over"
+        return session.phase_name if session is not None else "over"
 
-    def _latest(self, kind: type) -> Sent | None:
+    def _latest(self, kind: type) -> SentMessage | None:
         return next((message for message in reversed(self.inbox) if isinstance(message, kind)), None)
 
     def _send(self, *sent) -> None:
@@ -133,7 +133,7 @@ class FaultyStudy:
 
     def _connect(self) -> None:
         self._connected, self._visible = True, True
-        self.sessions.welcome(self.inbox.append, "participant", self.now_s)
+        self.sessions.send_initial_state(self.inbox.append, "participant", self.now_s)
 
     def _tick(self) -> None:
         self._notice()
@@ -192,7 +192,7 @@ class FaultyStudy:
             self._send(VisibilityChanged(self.rng.choice(("visible-blurred", "hidden", "context-lost"))))
         elif fault.kind in ("network", "reload"):
             self._connected = False
-            self._send(Disconnected())
+            self._send(ParticipantDisconnected())
         elif fault.kind == "leave":
             self._send(Left())
         elif fault.kind == "restart":
@@ -238,7 +238,7 @@ class FaultyStudy:
         session = self.sessions._session
         assert session is not None
         trials = session.plan.trials
-        self.participant.adopt_posture(trials[min(session.trial, len(trials) - 1)].environment)
+        self.participant.adopt_posture(trials[min(session.trial_index, len(trials) - 1)].environment)
         if self.phase == "waiting":
             self._send(Entered())
         elif self.phase in ("calibration", "check", "ready", "paused", "confirm"):
@@ -250,7 +250,7 @@ class FaultyStudy:
             self._send(Answer(asked.item, self.rng.randint(1, asked.points), 0.4))
 
     def _frame(self) -> Tracking:
-        frame = self.participant.frame(self.now_s, moving=self.phase != "calibration")
+        frame = self.participant.tracking_frame(self.now_s, moving=self.phase != "calibration")
         changes: dict[str, Any] = dict.fromkeys(self._missing)
         for hand in {"left", "right"} & self._missing:
             changes[f"{hand}_modality"] = "none"
@@ -285,8 +285,8 @@ class FaultyStudy:
         """Return how many frames were rejected after a switch of devices; 0 is expected."""
         if switch.happened_s is None:
             return 0
-        recording = read_recording(self.store.path(attempt.recording))
-        frames = [frame for _, frame in recording.topics["/tracking"]]
+        recording = read_recording(self.store.absolute_path(attempt.recording))
+        frames = [frame for _, frame in recording.messages_by_topic["/tracking"]]
         return sum(frame.held or bool(frame.held_parts) for frame in frames)
 
     def _faults_of_trials(self, pseudonym: str) -> list[str]:
@@ -300,9 +300,13 @@ class FaultyStudy:
                 found.append(f"{trial} has {len(own)} completed attempts")
                 continue
             given = {each.item: each.value for each in answers if each.attempt == own[0].id}
-            recording = read_recording(self.store.path(own[0].recording))
-            recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
-            asked = [] if trial.practice else [item.id for item in self.store.design.items_at("after_trial")]
+            recording = read_recording(self.store.absolute_path(own[0].recording))
+            recorded = {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]}
+            asked = (
+                []
+                if trial.practice
+                else [item.id for item in self.store.design.items_at_moment("after_trial")]
+            )
             if sorted(given) != sorted(asked) or given != recorded:
                 found.append(f"{trial}: {given} stored, {recorded} recorded of {asked}")
         return found

@@ -10,16 +10,16 @@ import pytest
 from msgspec.structs import asdict
 
 from avrgym.analysis import output
-from avrgym.analysis.study import Analysis
+from avrgym.analysis.study import StudyAnalysis
 from avrgym.models import human
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import BodyModel
 from avrgym.recording.schema import Answer, BodyTargets, Control, Latency, Metrics, Outcome, TrackingFrame
 from avrgym.recording.writer import RecordingWriter
 from avrgym.study.design.design import Design
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
-from avrgym.study.storage.answers import record_answer
-from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_trial_answer
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.store import Store
@@ -34,7 +34,7 @@ Rate = Callable[[Participant, Trial, str], int]
 
 def enrol_included(store: Store, sex: Sex = "woman", *, simulated: bool = True, site: str = "") -> str:
     """Enrol a participant with consent, inclusion and an order."""
-    pseudonym = enrol(store, sex, age_years=22, simulated=simulated, site=site)
+    pseudonym = enrol_participant(store, sex, age_years=22, simulated=simulated, site=site)
     record_consent(store, pseudonym)
     record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
@@ -65,11 +65,11 @@ def run_trials(
         attempt = begin_attempt(store, session.id, trial.position)
         frames_held = (held or {}).get(trial.position, 0)
         metrics = record_trial(
-            store.path(attempt.recording), store.design, participant, trial, held=frames_held
+            store.absolute_path(attempt.recording), store.design, participant, trial, held=frames_held
         )
         if not trial.practice:
             for item in ITEMS:
-                record_answer(store, attempt.id, Answer(item, rate(participant, trial, item), 1.0))
+                record_trial_answer(store, attempt.id, Answer(item, rate(participant, trial, item), 1.0))
         complete_attempt(store, attempt.id, metrics)
     close_session(store, session.id)
 
@@ -78,7 +78,7 @@ def interrupt_trial(store: Store, pseudonym: str) -> TrialAttempt:
     """Run a session that stops in the first remaining trial."""
     session = open_session(store, pseudonym)
     attempt = begin_attempt(store, session.id, store.remaining_trials(pseudonym)[0].position)
-    end_attempt(store, attempt.id, "stopped")
+    end_incomplete_attempt(store, attempt.id, "stopped")
     close_session(store, session.id)
     return attempt
 
@@ -106,7 +106,7 @@ def record_trial(
     lean_deg, reward = rng.uniform(-5.0, 15.0), 0.0
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
-        angles = human.joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
+        angles = human.seated_joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
         holds = step > STEPS - held
         writer.write(
             "/tracking", time_ns, TrackingFrame(step, 10.0 * step, step / 10, applied=not holds, held=holds)
@@ -136,7 +136,7 @@ def _control(step: int, reward: float) -> Control:
     return Control(step, [0.0], [0.0] * 7, reward, terms, step == STEPS, 0.5 / step, 2.0 * step)
 
 
-def write_without_figures(analysis: Analysis, study: Path, out: Path) -> Path:
+def write_without_figures(analysis: StudyAnalysis, study: Path, out: Path) -> Path:
     """Write report, tables and results, which takes a third of the time with figures."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(output, "draw_figures", lambda _: [])

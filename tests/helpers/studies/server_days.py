@@ -9,7 +9,7 @@ from avrgym.recording.reader import read_recording
 from avrgym.study.sessions import visit
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.storage.store import Store
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
@@ -18,8 +18,8 @@ from avrgym.vr.protocol.messages import (
     Ready,
     Scene,
     SceneLoaded,
-    Send,
-    Sent,
+    SendMessage,
+    SentMessage,
 )
 
 ANSWERS = {"L1": 1, "L2": 2, "L3": 3, "L4": 4}
@@ -29,17 +29,17 @@ class ServerDay:
     """The sessions of one server process with a simulated participant."""
 
     def __init__(self, store: Store, pseudonym: str) -> None:
-        self.inbox: list[Sent] = []
-        send: Send = self.inbox.append
+        self.inbox: list[SentMessage] = []
+        send: SendMessage = self.inbox.append
         self.sessions = StudySessions(store, send, first=pseudonym)
-        self.sessions.welcome(send, "participant", 0.0)
-        self.participant = SimulatedParticipant(draw_traits("woman", 1), 1)
+        self.sessions.send_initial_state(send, "participant", 0.0)
+        self.participant = SimulatedParticipant(sample_participant_traits("woman", 1), 1)
         self.ticks = 0
 
     @property
     def phase(self) -> str:
         session = self.sessions._session
-        return "over" if session is None or self.sessions.participant is None else session.phase
+        return "over" if session is None or self.sessions.participant is None else session.phase_name
 
     def send(self, *sent) -> None:
         for message in sent:
@@ -47,7 +47,7 @@ class ServerDay:
 
     def tick(self) -> None:
         if self.ticks % 4 == 0:
-            frame = self.participant.frame(self.ticks * TICK_S, moving=self.phase != "calibration")
+            frame = self.participant.tracking_frame(self.ticks * TICK_S, moving=self.phase != "calibration")
             self.send(frame)
         if self.phase == "loading":
             self.send(SceneLoaded([each for each in self.inbox if isinstance(each, Scene)][-1].url))
@@ -97,14 +97,14 @@ def _attend(folder: Path, pseudonym: str, phase: str, answers: int, stored: int,
         day.run_until("questionnaire" if answers else phase)
         day.answer(min(stored, answers))
         if stored < answers:
-            visit.record_answer = lambda *_: None
+            visit.record_trial_answer = lambda *_: None
             day.answer(answers - stored)
         day.tick()
         (attempt,) = store.attempts(pseudonym)
-        recording = store.path(attempt.recording)
-        while phase != "trial" and read_recording(recording).robot_finished is None:
+        recording = store.absolute_path(attempt.recording)
+        while phase != "trial" and read_recording(recording).robot_outcome is None:
             time.sleep(0.01)
-        while stored < answers > len(read_recording(recording).topics["/answers"]):
+        while stored < answers > len(read_recording(recording).messages_by_topic["/answers"]):
             time.sleep(0.01)
         reports.send(day.phase)
         time.sleep(600.0)

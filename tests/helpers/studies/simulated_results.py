@@ -3,25 +3,27 @@
 import numpy as np
 
 from avrgym.analysis.models.effects import TrialValue
-from avrgym.analysis.power.power import values_in_order
-from avrgym.analysis.power.simulated_studies import Assumptions, SimulatedStudies
+from avrgym.analysis.power.power import ordered_trial_values
+from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
 from avrgym.array_types import FloatArray
-from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.allocation import trial_orders
 from avrgym.study.design.design import Design
 
 
 def trial_values(design: Design, values: FloatArray) -> list[TrialValue]:
     """Return the trials of a study with values (participants, tasks, robots, policies)."""
-    orders = cell_orders(design)
-    return values_in_order(design, values, [orders[number % len(orders)] for number in range(len(values))])
+    orders = trial_orders(design)
+    return ordered_trial_values(
+        design, values, [orders[number % len(orders)] for number in range(len(values))]
+    )
 
 
 def simulated_answers(
     design: Design, participants: int, number: int, effect: float = 0.0, **spread: float
 ) -> list[TrialValue]:
     """Return answers to the first item as ``avrgym study power`` simulates them, without withdrawals."""
-    studies = SimulatedStudies(design, Assumptions(dropout=0.0, **spread), 0)
-    return trial_values(design, studies.answers(effect, participants, number)[..., 0].astype(float))
+    studies = SimulatedStudies(design, PowerAssumptions(dropout=0.0, **spread), 0)
+    return trial_values(design, studies.simulate_answers(effect, participants, number)[..., 0].astype(float))
 
 
 def latent_values(design: Design, participants: int, number: int, tendency: float = 0.0) -> FloatArray:

@@ -67,7 +67,7 @@ def study_contents(folder: Path) -> dict[str, list[Any]]:
                 [event for event in store.events() if event.participant == person.number],
                 store.notes(person.pseudonym),
                 {
-                    each.recording: store.path(each.recording).read_bytes()
+                    each.recording: store.absolute_path(each.recording).read_bytes()
                     for each in store.attempts(person.pseudonym)
                 },
             ]

@@ -29,9 +29,9 @@ from avrgym.recording.schema import (
     TrackingFrame,
 )
 from avrgym.recording.writer import RecordingWriter
-from avrgym.study.design.design import default_text
-from avrgym.study.people.participants import enrol, record_consent, record_inclusion
-from avrgym.study.storage.answers import record_answer
+from avrgym.study.design.design import default_design_text
+from avrgym.study.people.participants import enrol_participant, record_consent, record_inclusion
+from avrgym.study.storage.answers import record_trial_answer
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
 from avrgym.study.storage.sessions import close_session, open_session
@@ -62,7 +62,7 @@ def make_study(folder: Path, **changes: str) -> Path:
 
     The headset check is off by default.
     """
-    text = default_text()
+    text = default_design_text()
     for name, value in ({"headset_check": "false"} | changes).items():
         (line,) = (line for line in text.splitlines() if line.startswith(f"{name} = "))
         text = text.replace(line, f"{name} = {value}")
@@ -83,7 +83,9 @@ def eligible_answers(store: Store) -> dict[str, bool]:
 
 def enrol_with_consent(store: Store, simulated: bool = True, name: str = "", contact: str = "") -> str:
     """Enrol a participant with consent and an order."""
-    pseudonym = enrol(store, "woman", age_years=22, name=name, contact=contact, simulated=simulated)
+    pseudonym = enrol_participant(
+        store, "woman", age_years=22, name=name, contact=contact, simulated=simulated
+    )
     record_consent(store, pseudonym)
     assert record_inclusion(store, pseudonym, eligible_answers(store))
     return pseudonym
@@ -103,7 +105,7 @@ def record(
         "person": BodyModel("woman", TORSO_HEIGHT_M, "fair"),
     }
     configuration = trial_configuration(store.design, trial, **values | changes)
-    writer = RecordingWriter(store.path(attempt.recording), configuration)
+    writer = RecordingWriter(store.absolute_path(attempt.recording), configuration)
     for step in range(1, STEPS + 1):
         time_ns = step * 100_000_000
         writer.write("/tracking", time_ns, _frame(step))
@@ -116,7 +118,7 @@ def record(
         writer.write("/streams", 100_000_000, stream)
         writer.write("/samples", 400_000_000, samples)
     if not trial.practice:
-        for value, item in enumerate(store.design.items_at("after_trial"), start=3):
+        for value, item in enumerate(store.design.items_at_moment("after_trial"), start=3):
             writer.write("/answers", 400_000_000, Answer(item.id, min(value, item.points), 1.25))
     writer.close(Outcome(result="completed", **asdict(METRICS)))
 
@@ -136,8 +138,8 @@ def run_trial(
     attempt = begin_attempt(store, session.id, trial.position)
     record(store, attempt, trial, simulated=simulated, **changes)
     if not trial.practice:
-        for value, item in enumerate(store.design.items_at("after_trial"), start=3):
-            record_answer(store, attempt.id, Answer(item.id, min(value, item.points), 1.25))
+        for value, item in enumerate(store.design.items_at_moment("after_trial"), start=3):
+            record_trial_answer(store, attempt.id, Answer(item.id, min(value, item.points), 1.25))
     complete_attempt(store, attempt.id, METRICS)
     return attempt
 

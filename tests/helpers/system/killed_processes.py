@@ -22,7 +22,7 @@ from avrgym.recording.writer import RecordingWriter
 from avrgym.study.checking.checks import check_study
 from avrgym.study.export import export_study
 from avrgym.study.sessions import visit
-from avrgym.study.sessions.simulation import DryRun, simulate_participant, simulated_participant
+from avrgym.study.sessions.simulation import DryRunSettings, find_or_enrol_participant, simulate_participant
 from avrgym.study.storage.rows import Trial
 from avrgym.study.storage.store import Store
 from avrgym.vr.emulation import in_process_client
@@ -36,7 +36,7 @@ JOURNAL_ENTRY = struct.Struct("<qq")
 
 def shorten_delays() -> None:
     """Shorten the delays of simulated participants in this process."""
-    in_process_client.CALIBRATION_S = 0.6
+    in_process_client.CALIBRATION_STILL_TIME_S = 0.6
     in_process_client.ANSWER_DELAY_S = 0.05
     plan_session: Callable[..., SessionPlan] = visit.plan_session
     visit.plan_session = lambda *given, **how: replace(plan_session(*given, **how), countdown_s=0.1)
@@ -46,7 +46,7 @@ def take_part(folder: Path, pseudonym: str, seed: int, journal: Path) -> None:
     """Run a participant's session and log its queued records."""
     shorten_delays()
     _note_records(journal)
-    simulate_participant(folder, pseudonym, DryRun(seed))
+    simulate_participant(folder, pseudonym, DryRunSettings(seed))
 
 
 def _note_records(journal: Path) -> None:
@@ -93,7 +93,7 @@ def _lost_s(path: Path, journal: Path) -> float:
     noted.unlink()
     queued = list(JOURNAL_ENTRY.iter_unpack(data[: len(data) // JOURNAL_ENTRY.size * JOURNAL_ENTRY.size]))
     try:
-        stored = sum(len(records) for records in read_recording(path).topics.values())
+        stored = sum(len(records) for records in read_recording(path).messages_by_topic.values())
     except RecordingError:  # killed while it wrote the header
         stored = 0
     if stored >= len(queued):
@@ -146,7 +146,7 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
     rng, done, participants, lost_s = random.Random(SEED), 0, 0, 0.0
     with Store(folder) as store:
         while done < kills:
-            pseudonym = simulated_participant(store, participants, DryRun(SEED))
+            pseudonym = find_or_enrol_participant(store, participants, DryRunSettings(SEED))
             participants += 1
             while done < kills and store.participant(pseudonym).state != "completed":
                 before = completed_results(store, pseudonym)
@@ -161,7 +161,9 @@ def _kill(folder: Path, kills: int, longest_s: float, journal: Path) -> tuple[in
 def _take_part_undisturbed(folder: Path, participants: int, journal: Path) -> int:
     """Run participants without kills. Returns their number of trials."""
     with Store(folder) as store:
-        pseudonyms = [simulated_participant(store, index, DryRun(SEED)) for index in range(participants)]
+        pseudonyms = [
+            find_or_enrol_participant(store, index, DryRunSettings(SEED)) for index in range(participants)
+        ]
         _finish_all(folder, store, journal)
         return sum(len(store.trials(pseudonym)) for pseudonym in pseudonyms)
 
@@ -192,7 +194,7 @@ def recorded_contents(store: Store, pseudonym: str) -> Iterator[tuple[dict[str, 
     """Yield the recordings of a participant's completed trials, without what depends on the run."""
     completed = {a.trial: a for a in store.attempts(pseudonym) if a.state == "completed"}
     for trial in store.trials(pseudonym):
-        recording = read_recording(store.path(completed[trial.id].recording))
+        recording = read_recording(store.absolute_path(completed[trial.id].recording))
         values = msgspec.to_builtins(recording.configuration)
         configuration = {name: value for name, value in values.items() if name not in RUN_COLUMNS}
         configuration["consent"] = {

@@ -15,7 +15,7 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.human import LOWER_RAD, RECLINED, SEATED, SEATED_RAD, UPPER_RAD, Person
+from avrgym.models.human import LOWER_LIMITS_RAD, RECLINED, SEATED, SEATED_POSE_RAD, UPPER_LIMITS_RAD, Person
 from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking import arm
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
@@ -44,8 +44,10 @@ def examples(rng: np.random.Generator, count: int) -> Iterator[dict[str, Any]]:
     """Yield examples of three bodies: poses over the joint ranges, near the start, and unreachable ones."""
     bodies = [_body(*each) for each in BODIES]
     for number in range(count):
-        start = SEATED_RAD + rng.uniform(0.0, 1.0) * (rng.uniform(LOWER_RAD, UPPER_RAD) - SEATED_RAD)
-        body, turn_rad = bodies[number % len(bodies)], arm.MAX_ROTATION_RAD * (1 + 5 * (number // 3 % 2))
+        start = SEATED_POSE_RAD + rng.uniform(0.0, 1.0) * (
+            rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD) - SEATED_POSE_RAD
+        )
+        body, turn_rad = bodies[number % len(bodies)], arm.MAX_TICK_ROTATION_RAD * (1 + 5 * (number // 3 % 2))
         yield _solved(body, _pose(rng, body, start, number // 6 % 4), start, turn_rad)
 
 
@@ -62,9 +64,11 @@ def _pose(rng: np.random.Generator, body: _Body, start_rad: np.ndarray, kind: in
         )
         return BodyPose(head, left if rng.uniform() < 0.8 else None, right)
     away = (
-        0.2 * rng.normal(size=len(start_rad)) if kind > 1 else rng.uniform(LOWER_RAD, UPPER_RAD) - start_rad
+        0.2 * rng.normal(size=len(start_rad))
+        if kind > 1
+        else rng.uniform(LOWER_LIMITS_RAD, UPPER_LIMITS_RAD) - start_rad
     )
-    body.data.qpos[:] = np.clip(start_rad + away, LOWER_RAD, UPPER_RAD)
+    body.data.qpos[:] = np.clip(start_rad + away, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)
     mujoco.mj_kinematics(body.model, body.data)
     return BodyPose(*(_site(body.data, *site) for site in SITES))
 

@@ -82,7 +82,7 @@ def _example(rng: np.random.Generator, side: Side, step_m: float) -> dict[str, A
             modality = "hand" if modality == "controller" else "controller"
         grip = compose(grip, rng.normal(scale=step_m + 1e-4, size=3), transforms.IDENTITY_QUATERNION)
         pose = measured_pose(grip, side, modality, errors[modality])
-        followed = hand.grip(pose, modality, time_s)
+        followed = hand.corrected_grip(pose, modality, time_s)
         frames.append({"ms": 1000.0 * time_s, "pose": pose, "modality": modality, "grip": followed})
     return {"side": side, "frames": msgspec.to_builtins(frames)}
 

@@ -16,7 +16,7 @@ pylsl = pytest.importorskip("pylsl", reason="`pip install avrgym[lsl]` brings La
 
 from avrgym.vr.lab_streaming.outlets import SENT_BODIES as SENT_BODIES  # noqa: E402
 from avrgym.vr.lab_streaming.streams import LabStreams  # noqa: E402
-from avrgym.vr.lab_streaming.streams import lab_streams as lab_streams  # noqa: E402
+from avrgym.vr.lab_streaming.streams import open_lab_streams as open_lab_streams  # noqa: E402
 
 LSL_SESSION = f"avrgym-tests-{os.getpid()}"
 """Separates these streams from those of tests that run at the same time."""

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from avrgym.tasks.constants import PAPER_ENVIRONMENTS
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
 from helpers.vr.visit import FRAME_EVERY_TICKS, Visit
@@ -29,7 +29,7 @@ class RecordingVisit(Visit):
         plan = SessionPlan(
             [trial], "woman" if seed % 2 else "man", 3.0, simulated=True, trial_steps=trial_steps
         )
-        person = SimulatedParticipant(draw_traits(plan.sex, seed), seed)
+        person = SimulatedParticipant(sample_participant_traits(plan.sex, seed), seed)
         self.frames: list[Tracking] = []
         super().__init__(folder, plan, load_policies(plan), person)
 

@@ -11,20 +11,20 @@ from avrgym.models.human import Sex
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.recording.reader import Recording, read_recording
 from avrgym.tasks.registry import observation_and_action_size
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
-    Disconnected,
     Entered,
+    ParticipantDisconnected,
     Phase,
     Problem,
     Question,
     Ready,
     Scene,
     SceneLoaded,
-    Send,
+    SendMessage,
     Stop,
 )
 from avrgym.vr.session import events as session_events
@@ -84,7 +84,7 @@ def result(recording: Recording) -> str:
 
 def events(recording: Recording) -> list[str]:
     """Return the names of a recording's events in order."""
-    return [event.name for _, event in recording.topics["/events"]]
+    return [event.name for _, event in recording.messages_by_topic["/events"]]
 
 
 class Visit:
@@ -102,11 +102,11 @@ class Visit:
         plan: SessionPlan,
         policies: Policies | None = None,
         participant: SimulatedParticipant | None = None,
-        make: Callable[[Send], Session] | None = None,
+        make: Callable[[SendMessage], Session] | None = None,
     ) -> None:
         """Start a session from a plan, or the session that ``make`` returns."""
         self.inbox: list[messages.ServerMessage | messages.State] = []
-        self.participant = participant or SimulatedParticipant(draw_traits(plan.sex, 1), 1)
+        self.participant = participant or SimulatedParticipant(sample_participant_traits(plan.sex, 1), 1)
         self.tracking = self.loads_scenes = self.confirms = True
         self.pose_rad: FloatArray | None = None
         self.observed: list[session_events.SessionEvent] = []
@@ -136,7 +136,7 @@ class Visit:
 
     @property
     def phase(self) -> str:
-        return self.session.phase
+        return self.session.phase_name
 
     def received(self, kind: type) -> list[Any]:
         """Return the received messages of a type in order."""
@@ -156,7 +156,9 @@ class Visit:
         """Read the recordings of all attempts so far."""
         return [read_recording(path) for path in self.session.recordings]
 
-    def send(self, *sent: messages.ClientMessage | messages.ExperimenterMessage | Disconnected) -> None:
+    def send(
+        self, *sent: messages.ClientMessage | messages.ExperimenterMessage | ParticipantDisconnected
+    ) -> None:
         """Send messages to the session."""
         for message in sent:
             self.session.receive(message, self.now_s)
@@ -164,8 +166,8 @@ class Visit:
     def frame(self) -> messages.Tracking:
         """Return the participant's next tracking frame."""
         if self.pose_rad is not None:
-            return self.participant.frame_from_angles(self.pose_rad, self.now_s)
-        return self.participant.frame(self.now_s, moving=self.phase != "calibration")
+            return self.participant.tracking_frame_from_angles(self.pose_rad, self.now_s)
+        return self.participant.tracking_frame(self.now_s, moving=self.phase != "calibration")
 
     def tick(self, count: int = 1) -> None:
         """Advance the clock."""

@@ -13,79 +13,83 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from avrgym.analysis.answers.session_answers import MOMENT_LABELS, change_question, session_questionnaires
+from avrgym.analysis.answers.session_answers import (
+    MOMENT_LABELS,
+    session_change_question,
+    session_questionnaires,
+)
 from avrgym.analysis.answers.trial_answers import (
     AFTER_TRIAL,
+    AnswerSummaryRow,
     LikertRow,
-    SubjectiveRow,
-    policy_question,
-    questionnaires_at,
+    policy_comparison_question,
+    questionnaires_at_moment,
 )
-from avrgym.analysis.page.comparisons import p_primary_and_stars
+from avrgym.analysis.page.comparisons import corrected_p_with_stars
 from avrgym.analysis.page.drawing import (
+    BAR_GROUP_WIDTH,
     CHARACTER_WIDTH_IN,
-    GROUP_WIDTH,
+    FIGURE_WIDTH_IN,
     LINE_COLOUR,
     LINE_COLOURS,
-    STYLE,
+    MATPLOTLIB_STYLE,
     TEXT_COLOUR,
-    TEXT_ON_DARK,
-    TEXT_ON_LIGHT,
-    WIDTH_IN,
-    Drawing,
+    TEXT_ON_DARK_COLOUR,
+    TEXT_ON_LIGHT_COLOUR,
+    ReportFigure,
     add_legend,
     finish_figure,
     label_x_ticks,
 )
-from avrgym.analysis.reading.rows import ALL
-from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT, PRIMARY, ComparisonRow
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, Questionnaire
+from avrgym.analysis.reading.rows import ALL_LABEL
+from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT_UNIT, PRIMARY, ComparisonRow
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.study.design.design import Design
 
-LINE_HEIGHT = 0.55
+TEXT_LINE_HEIGHT = 0.55
 """Height of a text line, relative to the height of a bar."""
-BRACKET_WIDTH_IN = 0.62
+TEST_BRACKET_WIDTH_IN = 0.62
 """Width of the bracket of a test, including the text of its result."""
-MAX_BRACKETS = 6
+MAX_TEST_BRACKETS = 6
 """Maximum number of test brackets for one item. If an item has more tests, the figure contains no tests."""
 
 
-def trial_answers_figures(
+def trial_answer_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
-) -> Iterator[Drawing]:
+) -> Iterator[ReportFigure]:
     """Yields a figure for each questionnaire after trials: answers by policy, and tests (as in the paper)."""
-    for questionnaire in questionnaires_at(design, AFTER_TRIAL):
+    for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
         if own:
             name, differ = (
-                trial_figure_name(design, questionnaire),
+                trial_answer_figure_name(design, questionnaire),
                 _differences(design, questionnaire, tests),
             )
             yield _likert_figure(simulated, name, questionnaire, groups, differ, ("policy", "trials"))
 
 
-def mean_answers_figures(
-    design: Design, simulated: bool, rows: Sequence[SubjectiveRow], tests: Sequence[ComparisonRow]
-) -> Iterator[Drawing]:
+def mean_answer_figures(
+    design: Design, simulated: bool, rows: Sequence[AnswerSummaryRow], tests: Sequence[ComparisonRow]
+) -> Iterator[ReportFigure]:
     """Yields a bar chart for each questionnaire after trials: mean answers by policy (Figure 8 of the paper)."""
-    for questionnaire in questionnaires_at(design, AFTER_TRIAL):
+    for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
             row for row in rows
-            if (row.simulated, row.task, row.robot) == (simulated, ALL, ALL) and row.item in items
+            if (row.simulated, row.task, row.robot) == (simulated, ALL_LABEL, ALL_LABEL) and row.item in items
         ]  # fmt: skip
         if own:
             differ = _differences(design, questionnaire, tests) if len(design.policies) == 2 else []
             tested = "; p over participants, corrected over all primary results" if differ else ""
             caption = f"{questionnaire.name}: mean answers over all trials, as in the paper{tested}"
-            figure = means_figure(design, questionnaire, own, differ)
+            figure = mean_answer_chart(design, questionnaire, own, differ)
             yield finish_figure(
                 simulated,
-                f"{trial_figure_name(design, questionnaire)}-means",
+                f"{trial_answer_figure_name(design, questionnaire)}-means",
                 caption,
                 figure,
-                proxy_note(sum(row.by_proxy for row in own), sum(row.n for row in own)),
+                proxy_answer_note(sum(row.by_proxy for row in own), sum(row.n for row in own)),
             )
 
 
@@ -93,7 +97,7 @@ def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
     """Returns the tests between policies for a figure. Each participant has one value: the mean over trials."""
-    family = policy_question(design, questionnaire).family_name(PARTICIPANT)
+    family = policy_comparison_question(design, questionnaire).family_name(PARTICIPANT_UNIT)
     return _shown(row for row in tests if row.family == family)
 
 
@@ -102,33 +106,37 @@ def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
-def session_answers_figures(
+def session_answer_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
-) -> Iterator[Drawing]:
+) -> Iterator[ReportFigure]:
     """Yields a figure for each questionnaire about sessions: answers before and after, and tests of the change."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
             MOMENT_LABELS[moment]: [row for row in own if row.moment == moment]
-            for moment in SESSION_MOMENTS
+            for moment in SESSION_QUESTION_MOMENTS
             if moment in questionnaire.moments
         }
-        family = change_question(questionnaire).family_name(PARTICIPANT)
+        family = session_change_question(questionnaire).family_name(PARTICIPANT_UNIT)
         differ = _shown(row for row in tests if row.family == family)
         if any(groups.values()):
-            name, words = session_figure_name(questionnaire), ("session", "participants")
+            name, words = session_answer_figure_name(questionnaire), ("session", "participants")
             yield _likert_figure(simulated, name, questionnaire, groups, differ, words)
 
 
-def trial_figure_name(design: Design, questionnaire: Questionnaire) -> str:
+def trial_answer_figure_name(design: Design, questionnaire: Questionnaire) -> str:
     """Returns the file name (without suffix) of the figure of the answers after trials.
 
     With several questionnaires after trials, the file name contains the questionnaire's name.
     """
-    return "likert" if len(questionnaires_at(design, AFTER_TRIAL)) == 1 else f"likert-{questionnaire.name}"
+    return (
+        "likert"
+        if len(questionnaires_at_moment(design, AFTER_TRIAL)) == 1
+        else f"likert-{questionnaire.name}"
+    )
 
 
-def session_figure_name(questionnaire: Questionnaire) -> str:
+def session_answer_figure_name(questionnaire: Questionnaire) -> str:
     """Returns the file name (without suffix) of the figure of the answers about sessions."""
     return f"sessions-{questionnaire.name}"
 
@@ -140,7 +148,7 @@ def _likert_figure(
     groups: Mapping[str, Sequence[LikertRow]],
     tests: Sequence[ComparisonRow],
     words: tuple[str, str],
-) -> Drawing:
+) -> ReportFigure:
     """Returns a figure of the distribution of answers to each item: a bar for each group, and tests between groups.
 
     ``words``: a noun for the groups (such as "policy"), and a noun for the numbers in the bars (such as "trials").
@@ -148,39 +156,43 @@ def _likert_figure(
     what, counted = words
     by_item = {item.id: [row for row in tests if row.quantity == item.id] for item in questionnaire.items}
     brackets = max(map(len, by_item.values()))
-    brackets = brackets if brackets <= MAX_BRACKETS else 0
-    width_in = WIDTH_IN + BRACKET_WIDTH_IN * max(0, brackets - 1)
+    brackets = brackets if brackets <= MAX_TEST_BRACKETS else 0
+    width_in = FIGURE_WIDTH_IN + TEST_BRACKET_WIDTH_IN * max(0, brackets - 1)
     axes_in = width_in - 0.45 - CHARACTER_WIDTH_IN * max(map(len, groups))
-    share_in = (axes_in - BRACKET_WIDTH_IN * brackets) / 2.04
+    share_in = (axes_in - TEST_BRACKET_WIDTH_IN * brackets) / 2.04
     common = _common_scale(questionnaire)
     heads = [
         _head(questionnaire, item, int(axes_in / CHARACTER_WIDTH_IN), common) for item in questionnaire.items
     ]
-    spaces = [LINE_HEIGHT * head.count("\n") + LINE_HEIGHT + 0.9 for head in heads]
+    spaces = [TEXT_LINE_HEIGHT * head.count("\n") + TEXT_LINE_HEIGHT + 0.9 for head in heads]
     tops = [sum(spaces[: index + 1]) + len(groups) * index for index in range(len(heads))]
     bottom = tops[-1] + len(groups)
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
         figure = Figure(figsize=(width_in, 0.8 + 0.25 * bottom), layout="constrained")
         axes = figure.add_subplot()
         for item, head, top in zip(questionnaire.items, heads, tops, strict=True):
             axes.text(-1.0, top - 0.62, head, fontsize=8, va="bottom", linespacing=1.2)
-            _bars(axes, top, item, questionnaire.scale_of(item).middle, groups, share_in)
+            _bars(axes, top, item, questionnaire.scale_of(item).middle_value, groups, share_in)
             _brackets(
-                axes, top, list(groups), by_item[item.id] if brackets else (), BRACKET_WIDTH_IN / share_in
+                axes,
+                top,
+                list(groups),
+                by_item[item.id] if brackets else (),
+                TEST_BRACKET_WIDTH_IN / share_in,
             )
         places = [top + place for top in tops for place in range(len(groups))]
         axes.set_yticks(places, list(groups) * len(tops))
         scale = f"answers {common}" if common else "each item on its own scale"
         label = f"{counted} / %, the scale's middle at 0\n{fill(scale, min(66, int(axes_in / CHARACTER_WIDTH_IN)))}"
-        _axis(axes, brackets * BRACKET_WIDTH_IN / share_in, label)
+        _axis(axes, brackets * TEST_BRACKET_WIDTH_IN / share_in, label)
         axes.set_ylabel(what)
         axes.set_ylim(bottom - 0.4, 0.0)
     rows = [row for own in groups.values() for row in own]
-    note = proxy_note(sum(row.by_proxy for row in rows), sum(row.count for row in rows))
+    note = proxy_answer_note(sum(row.by_proxy for row in rows), sum(row.count for row in rows))
     return finish_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure, note)
 
 
-def proxy_note(by_proxy: int, answers: int) -> str:
+def proxy_answer_note(by_proxy: int, answers: int) -> str:
     """Returns a note with the number of answers that a proxy gave; empty if there are none."""
     return f"{by_proxy} of {answers} answers by a proxy" if by_proxy else ""
 
@@ -244,7 +256,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
         axes.barh(y, row.share, 0.86, left, color=to_hex(colour))
         number = str(row.count)
         if row.share * share_in > CHARACTER_WIDTH_IN * len(number):
-            shade = TEXT_ON_DARK if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else TEXT_ON_LIGHT
+            shade = TEXT_ON_DARK_COLOUR if np.dot(colour[:3], (0.3, 0.6, 0.1)) < 0.5 else TEXT_ON_LIGHT_COLOUR
             axes.text(left + row.share / 2, y, number, color=shade, fontsize=7, ha="center", va="center")
         left += row.share
 
@@ -259,26 +271,26 @@ def _brackets(
         axes.plot(
             [x, x + 0.02, x + 0.02, x], [first, first, second, second], color=TEXT_COLOUR, linewidth=0.8
         )
-        axes.text(x + 0.04, (first + second) / 2, p_primary_and_stars(row), fontsize=7, va="center")
+        axes.text(x + 0.04, (first + second) / 2, corrected_p_with_stars(row), fontsize=7, va="center")
 
 
-ROW_WIDTH_IN = 4.2
+BAR_ROW_WIDTH_IN = 4.2
 """Width of a row of bars (all bars of one subplot)."""
-BAR_WIDTH_IN = 0.34
+MIN_BAR_WIDTH_IN = 0.34
 """Minimum width of a bar. The mean is printed above the bar."""
 
 
-def means_figure(
+def mean_answer_chart(
     design: Design,
     questionnaire: Questionnaire,
-    rows: Sequence[SubjectiveRow],
+    rows: Sequence[AnswerSummaryRow],
     tests: Sequence[ComparisonRow],
 ) -> Figure:
     """Returns a bar chart: mean answer to each item for each policy. Many items are divided into several rows."""
     items, count = questionnaire.items, _items_in_row(design, questionnaire.items)
     parts = [items[begin : begin + count] for begin in range(0, len(items), count)]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.4 + 2.4 * len(parts)), layout="constrained")
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
+        figure = Figure(figsize=(FIGURE_WIDTH_IN, 0.4 + 2.4 * len(parts)), layout="constrained")
         for number, part in enumerate(parts, start=1):
             axes = figure.add_subplot(len(parts), 1, number)
             _mean_bars(axes, design, part, rows)
@@ -291,15 +303,15 @@ def means_figure(
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
     """Returns the number of items that fit in a row of bars."""
     item_in = max(
-        BAR_WIDTH_IN * len(design.policies) / GROUP_WIDTH,
+        MIN_BAR_WIDTH_IN * len(design.policies) / BAR_GROUP_WIDTH,
         CHARACTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),
     )
-    return max(1, int(ROW_WIDTH_IN / item_in))
+    return max(1, int(BAR_ROW_WIDTH_IN / item_in))
 
 
-def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[SubjectiveRow]) -> None:
+def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence[AnswerSummaryRow]) -> None:
     """Draw a bar for the mean answer to each item with each policy."""
-    width = GROUP_WIDTH / len(design.policies)
+    width = BAR_GROUP_WIDTH / len(design.policies)
     ids = [item.id for item in items]
     for index, policy in enumerate(design.policies):
         own = {row.item: row.mean for row in rows if row.policy == policy and row.item in ids}
@@ -308,7 +320,7 @@ def _mean_bars(axes: Axes, design: Design, items: Sequence[Item], rows: Sequence
             colour = LINE_COLOURS[index % len(LINE_COLOURS)]
             bars = axes.bar(places, list(own.values()), 0.9 * width, color=colour, alpha=0.55, label=policy)
             axes.bar_label(bars, fmt="%.1f", fontsize=7)
-    label_x_ticks(axes, ids, ROW_WIDTH_IN)
+    label_x_ticks(axes, ids, BAR_ROW_WIDTH_IN)
 
 
 def _mean_axis(
@@ -316,12 +328,15 @@ def _mean_axis(
 ) -> None:
     """Set the y axis to the range of the response scales, and print the tests above the bars."""
     scales = [questionnaire.scale_of(item) for item in items]
-    minimum, maximum = min(scale.lowest for scale in scales), max(scale.highest for scale in scales)
+    minimum, maximum = (
+        min(scale.lowest_value for scale in scales),
+        max(scale.highest_value for scale in scales),
+    )
     ids = [item.id for item in items]
     for row in tests:
         if row.quantity in ids:
             y = maximum + 0.1 * (maximum - minimum)
-            axes.text(ids.index(row.quantity), y, p_primary_and_stars(row), fontsize=7, ha="center")
+            axes.text(ids.index(row.quantity), y, corrected_p_with_stars(row), fontsize=7, ha="center")
     axes.set_ylim(minimum, maximum)
     ticks = [tick for tick in axes.get_yticks() if minimum <= tick <= maximum]
     label = f"mean answer\n({minimum} to {maximum})" if len(set(scales)) == 1 else "mean answer\n(own scales)"

@@ -15,36 +15,36 @@ from avrgym.analysis.answers.session_answers import (
 )
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL
 from avrgym.analysis.columns import (
-    ByProxy,
     IsSimulated,
     LowerQuartile,
     Maximum,
     Mean,
     Median,
     Minimum,
-    N,
     PolicyNameOrNone,
+    ProxyAnswerCount,
     QuestionnaireName,
     UpperQuartile,
+    ValueCount,
 )
 from avrgym.analysis.page.comparisons import TestTables
 from avrgym.analysis.page.elements import Markup, number_text, short_number, table, tag
 from avrgym.analysis.reading.rows import ScoreRow
 from avrgym.analysis.statistics.comparisons import (
-    PARTICIPANT,
-    TRIAL,
-    Family,
-    Question,
-    UnitKey,
+    PARTICIPANT_UNIT,
+    TRIAL_UNIT,
+    AnalysisUnitKey,
+    ComparisonFamily,
+    ResearchQuestion,
     compare_policies,
-    corrected_family,
+    holm_corrected_family,
 )
 from avrgym.analysis.statistics.tests import summary_statistics
 from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.instrument import Instrument
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.system.columns import Column
 
 
@@ -57,13 +57,13 @@ class ScoreSummaryRow:
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
-    scale: Annotated[str, TABLES["scores"]["scale"]]
+    scale: Annotated[str, COLUMNS_BY_TABLE["scores"]["scale"]]
     moment: Annotated[
         str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER_TRIAL}, {AFTER}, {CHANGE}")
     ]
     policy: PolicyNameOrNone
-    n: N
-    by_proxy: ByProxy
+    n: ValueCount
+    by_proxy: ProxyAnswerCount
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -83,7 +83,7 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
         given = _about_sessions(own)
         for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE)):
             values = values_at_moment(moment, scale, given)
-            moments = SESSION_MOMENTS if moment == CHANGE else (moment,)
+            moments = SESSION_QUESTION_MOMENTS if moment == CHANGE else (moment,)
             people = {row.participant for row in _by_proxy(own, scale, moments, None)}
             if moment == CHANGE:
                 people &= set(given.get((BEFORE, scale), {})) & set(given.get((AFTER, scale), {}))
@@ -91,39 +91,42 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
     return rows
 
 
-def score_families(design: Design, scores: Sequence[ScoreRow]) -> list[Family]:
+def score_test_families(design: Design, scores: Sequence[ScoreRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire form a family.
 
     Scores after trials: the tests compare policies, paired within participant × task × robot. There is one family with
     trials as the unit of analysis, and one with participants. Scores about sessions: the tests compare the scores after
     and before sessions, paired within participant.
     """
-    families: list[Family] = []
+    families: list[ComparisonFamily] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
         if AFTER_TRIAL in questionnaire.moments:
             families += [
-                _policy_family(simulated, questionnaire, design, own, unit) for unit in (TRIAL, PARTICIPANT)
+                _policy_family(simulated, questionnaire, design, own, unit)
+                for unit in (TRIAL_UNIT, PARTICIPANT_UNIT)
             ]
-        if set(SESSION_MOMENTS) <= set(questionnaire.moments):
+        if set(SESSION_QUESTION_MOMENTS) <= set(questionnaire.moments):
             given = _about_sessions(own)
             tests = [compare_before_after(scale, given) for scale in _scales(own)]
             families.append(
-                corrected_family(simulated, scores_change_question(questionnaire), PARTICIPANT, tests)
+                holm_corrected_family(
+                    simulated, score_change_question(questionnaire), PARTICIPANT_UNIT, tests
+                )
             )
     return families
 
 
-def scores_policies_question(questionnaire: Questionnaire) -> Question:
+def score_policy_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the scores of a questionnaire differ between policies?"""
-    return Question(
-        f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), primary=True
+    return ResearchQuestion(
+        f"policies, scores of {questionnaire.name}", score_tests_caption(questionnaire), is_primary=True
     )
 
 
-def scores_change_question(questionnaire: Questionnaire) -> Question:
+def score_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the scores of a questionnaire change over sessions?"""
     name = f"before and after sessions, scores of {questionnaire.name}"
-    return Question(name, score_tests_caption(questionnaire), primary=True)
+    return ResearchQuestion(name, score_tests_caption(questionnaire), is_primary=True)
 
 
 def score_tests_caption(questionnaire: Questionnaire) -> str:
@@ -133,12 +136,12 @@ def score_tests_caption(questionnaire: Questionnaire) -> str:
 
 def _policy_family(
     simulated: bool, questionnaire: Questionnaire, design: Design, own: Sequence[ScoreRow], unit: str
-) -> Family:
+) -> ComparisonFamily:
     tests = [
         compare_policies(scale, (a, b), (_with_policy(own, scale, a), _with_policy(own, scale, b)), unit)
         for (a, b), scale in product(combinations(design.policies, 2), _scales(own))
     ]
-    return corrected_family(simulated, scores_policies_question(questionnaire), unit, tests)
+    return holm_corrected_family(simulated, score_policy_question(questionnaire), unit, tests)
 
 
 def _by_questionnaire(
@@ -161,7 +164,7 @@ def _scales(rows: Sequence[ScoreRow]) -> list[str]:
     return list(dict.fromkeys(row.scale for row in rows))
 
 
-def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[UnitKey, float]:
+def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[AnalysisUnitKey, float]:
     """Returns the scores of one scale after trials with ``policy``; keys are (participant, task, robot)."""
     return {
         (row.participant, row.task or "", row.robot or ""): row.score
@@ -186,7 +189,7 @@ def _by_proxy(
 def _about_sessions(rows: Sequence[ScoreRow]) -> Mapping[tuple[str, str], Mapping[str, float]]:
     given: dict[tuple[str, str], dict[str, float]] = {}
     for row in rows:
-        if row.moment in SESSION_MOMENTS and row.score is not None:
+        if row.moment in SESSION_QUESTION_MOMENTS and row.score is not None:
             given.setdefault((row.moment, row.scale), {})[row.participant] = row.score
     return given
 
@@ -284,7 +287,7 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
     """Returns the lowest and the highest possible score of a scale as cells; empty cells for changes."""
-    minimum, maximum = instrument.range_of(row.scale)
+    minimum, maximum = instrument.score_range(row.scale)
     return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
 
 

@@ -2,23 +2,23 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.answers.figures import session_figure_name, trial_figure_name
+from avrgym.analysis.answers.figures import session_answer_figure_name, trial_answer_figure_name
 from avrgym.analysis.answers.session_answers import (
     CHANGE,
     MOMENT_LABELS,
     SessionAnswerRow,
-    change_question,
     further_questionnaires,
+    session_change_question,
     session_questionnaires,
 )
 from avrgym.analysis.answers.trial_answers import (
     AFTER_TRIAL,
-    SubjectiveRow,
-    policy_question,
-    questionnaires_at,
+    AnswerSummaryRow,
+    policy_comparison_question,
+    questionnaires_at_moment,
 )
 from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.drawing import ReportFigures, inline_figures
 from avrgym.analysis.page.elements import (
     Markup,
     bullet_list,
@@ -29,8 +29,8 @@ from avrgym.analysis.page.elements import (
     table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Questionnaire
+from avrgym.analysis.reading.rows import ALL_LABEL
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 
 # Answers
@@ -38,16 +38,16 @@ from avrgym.study.design.design import Design
 
 def answers_section(
     design: Design,
-    after_trials: Sequence[SubjectiveRow],
+    after_trials: Sequence[AnswerSummaryRow],
     about_sessions: Sequence[SessionAnswerRow],
     simulated: bool,
-    drawings: Drawings,
+    drawings: ReportFigures,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: answers after trials and about sessions, both with tests, then further answers."""
     rated = [
         _after_trials(design, after_trials, simulated, drawings, tests, questionnaire)
-        for questionnaire in questionnaires_at(design, AFTER_TRIAL)
+        for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL)
     ]
     about = [
         _about_sessions(about_sessions, simulated, drawings, tests, questionnaire)
@@ -65,9 +65,9 @@ def answers_section(
 
 def _after_trials(
     design: Design,
-    answers: Sequence[SubjectiveRow],
+    answers: Sequence[AnswerSummaryRow],
     simulated: bool,
-    drawings: Drawings,
+    drawings: ReportFigures,
     tests: TestTables,
     questionnaire: Questionnaire,
 ) -> Markup:
@@ -75,30 +75,30 @@ def _after_trials(
     rows = [row for row in answers if row.simulated is simulated and row.item in items]
     if not rows:
         return Markup()
-    whole = [row for row in rows if (row.task, row.robot) == (ALL, ALL)]
-    parts = [row for row in rows if (row.task, row.robot) != (ALL, ALL)]
+    whole = [row for row in rows if (row.task, row.robot) == (ALL_LABEL, ALL_LABEL)]
+    parts = [row for row in rows if (row.task, row.robot) != (ALL_LABEL, ALL_LABEL)]
     name = questionnaire.name
     return tag(
         "section",
         tag("h4", f"{name}, asked after each trial"),
         _statements(questionnaire),
-        inline_figures(drawings, trial_figure_name(design, questionnaire)),
+        inline_figures(drawings, trial_answer_figure_name(design, questionnaire)),
         details(
             "Means, as in the paper's figure",
-            inline_figures(drawings, f"{trial_figure_name(design, questionnaire)}-means"),
+            inline_figures(drawings, f"{trial_answer_figure_name(design, questionnaire)}-means"),
         ),
         _summaries(f"{name}: answers by policy, over all tasks and robots", whole, simulated),
         details(
             "By task and robot", _summaries(f"{name}: answers by policy, task and robot", parts, simulated)
         ),
-        tests.pop(policy_question(design, questionnaire).table, Markup()),
+        tests.pop(policy_comparison_question(design, questionnaire).table_caption, Markup()),
     )
 
 
 def _about_sessions(
     answers: Sequence[SessionAnswerRow],
     simulated: bool,
-    drawings: Drawings,
+    drawings: ReportFigures,
     tests: TestTables,
     questionnaire: Questionnaire,
 ) -> Markup:
@@ -106,7 +106,7 @@ def _about_sessions(
         row
         for row in answers
         if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)
-        and row.moment in (*SESSION_MOMENTS, CHANGE)
+        and row.moment in (*SESSION_QUESTION_MOMENTS, CHANGE)
     ]
     if not rows:
         return Markup()
@@ -118,9 +118,9 @@ def _about_sessions(
         "section",
         tag("h4", f"{name}, asked {when} sessions"),
         _statements(questionnaire),
-        inline_figures(drawings, session_figure_name(questionnaire)),
+        inline_figures(drawings, session_answer_figure_name(questionnaire)),
         table(caption, heads, body, numbers=(2, 3, 4, 5, 6, 7)),
-        tests.pop(change_question(questionnaire).table, Markup()),
+        tests.pop(session_change_question(questionnaire).table_caption, Markup()),
     )
 
 
@@ -148,7 +148,7 @@ _FURTHER_TITLES = {"after_break": "asked after breaks", "caregiver": "answered b
 
 
 def _moments(questionnaire: Questionnaire) -> list[str]:
-    return [moment for moment in SESSION_MOMENTS if moment in questionnaire.moments]
+    return [moment for moment in SESSION_QUESTION_MOMENTS if moment in questionnaire.moments]
 
 
 def _statements(questionnaire: Questionnaire) -> Markup:
@@ -158,7 +158,7 @@ def _statements(questionnaire: Questionnaire) -> Markup:
     )
 
 
-def _quartiles(row: SubjectiveRow | SessionAnswerRow) -> tuple[int, int, str, str, str, str]:
+def _quartiles(row: AnswerSummaryRow | SessionAnswerRow) -> tuple[int, int, str, str, str, str]:
     """Returns number of answers, number of answers by a proxy, median, quartiles, mean and range as table cells."""
     return (
         row.n, row.by_proxy, _brief_number(row.median),
@@ -172,7 +172,7 @@ def _brief_number(value: float) -> str:
     return f"{value:g}".replace("-", "−")
 
 
-def _summaries(caption: str, rows: Sequence[SubjectiveRow], simulated: bool) -> Markup:
+def _summaries(caption: str, rows: Sequence[AnswerSummaryRow], simulated: bool) -> Markup:
     heads = ("Item", "Policy", "Task", "Robot", "Trials", "Proxy", "Median", "Quartiles", "Mean", "Range")
     body = [(row.item, row.policy, row.task, row.robot, *_quartiles(row)) for row in rows]
     return table(group_caption(caption, simulated), heads, body, numbers=(4, 5, 6, 7, 8, 9))

@@ -10,7 +10,6 @@ import numpy as np
 
 from avrgym.analysis.answers.trial_answers import LikertRow, value_frequencies
 from avrgym.analysis.columns import (
-    ByProxy,
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -18,26 +17,27 @@ from avrgym.analysis.columns import (
     Mean,
     Median,
     Minimum,
-    N,
+    ProxyAnswerCount,
     QuestionnaireName,
     UpperQuartile,
+    ValueCount,
 )
 from avrgym.analysis.reading.rows import AnswerRow
 from avrgym.analysis.statistics.comparisons import (
     MEAN_DECIMALS,
-    PARTICIPANT,
+    PARTICIPANT_UNIT,
     Comparison,
-    Family,
-    Question,
-    corrected_family,
+    ComparisonFamily,
+    ResearchQuestion,
+    holm_corrected_family,
 )
-from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.analysis.statistics.tests import signed_rank_test, summary_statistics
 from avrgym.commands.respondents import PROXY
-from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
-BEFORE, AFTER = SESSION_MOMENTS
+BEFORE, AFTER = SESSION_QUESTION_MOMENTS
 CHANGE = "change"
 MOMENT_LABELS = {
     BEFORE: "before",
@@ -61,8 +61,8 @@ class SessionAnswerRow:
     questionnaire: QuestionnaireName
     item: ItemName
     moment: Annotated[str, Column("Moment of the answers.", allowed=", ".join(MOMENT_LABELS))]
-    n: N
-    by_proxy: ByProxy
+    n: ValueCount
+    by_proxy: ProxyAnswerCount
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -71,13 +71,13 @@ class SessionAnswerRow:
     maximum: Maximum
 
 
-SessionValues = Mapping[tuple[str, str], Mapping[str, float]]
+ValuesByMoment = Mapping[tuple[str, str], Mapping[str, float]]
 """Value of each participant, by (moment, item or scale) and by pseudonym."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
     """Returns the questionnaires before or after sessions, in the order of the design."""
-    return [each for each in design.questionnaires if set(SESSION_MOMENTS) & set(each.moments)]
+    return [each for each in design.questionnaires if set(SESSION_QUESTION_MOMENTS) & set(each.moments)]
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
@@ -120,7 +120,7 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
     return [
         row
         for simulated, questionnaire, _ in _asked(design, answers)
-        for item, moment in product(questionnaire.items, SESSION_MOMENTS)
+        for item, moment in product(questionnaire.items, SESSION_QUESTION_MOMENTS)
         if moment in questionnaire.moments
         for row in value_frequencies(
             simulated, questionnaire, moment, item, None, _counted(answers, simulated, moment, item.id)
@@ -128,21 +128,21 @@ def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Li
     ]
 
 
-def session_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
+def session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of changes over sessions. The tests of one questionnaire form a family."""
     return [
-        corrected_family(
+        holm_corrected_family(
             simulated,
-            change_question(questionnaire),
-            PARTICIPANT,
+            session_change_question(questionnaire),
+            PARTICIPANT_UNIT,
             [compare_before_after(item.id, given) for item in questionnaire.items],
         )
         for simulated, questionnaire, given in _asked(design, answers)
-        if set(SESSION_MOMENTS) <= set(questionnaire.moments)
+        if set(SESSION_QUESTION_MOMENTS) <= set(questionnaire.moments)
     ]
 
 
-def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[float]:
+def values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[float]:
     """Returns the values of ``quantity`` at ``moment``.
 
     For ``CHANGE``, the values are after minus before, for participants with both values.
@@ -153,7 +153,7 @@ def values_at_moment(moment: str, quantity: str, given: SessionValues) -> list[f
     return [round(after[name] - before[name], MEAN_DECIMALS) for name in after if name in before]
 
 
-def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
+def compare_before_after(quantity: str, given: ValuesByMoment) -> Comparison:
     """Returns a signed-rank test of the values after sessions against those before.
 
     Only participants with both values are included.
@@ -167,24 +167,24 @@ def compare_before_after(quantity: str, given: SessionValues) -> Comparison:
         quantity,
         (MOMENT_LABELS[AFTER], a),
         (MOMENT_LABELS[BEFORE], b),
-        signed_rank(apart),
+        signed_rank_test(apart),
         len(both),
         differences,
     )
 
 
-def change_question(questionnaire: Questionnaire) -> Question:
+def session_change_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to a questionnaire change over sessions?"""
     name = questionnaire.name
     table = f"{name}: after sessions against before"
-    return Question(f"before and after sessions, {name}", table, questionnaire.instrument is None)
+    return ResearchQuestion(f"before and after sessions, {name}", table, questionnaire.instrument is None)
 
 
 def _asked(
     design: Design, answers: Sequence[AnswerRow]
-) -> Iterator[tuple[bool, Questionnaire, SessionValues]]:
+) -> Iterator[tuple[bool, Questionnaire, ValuesByMoment]]:
     """Yields (simulated, questionnaire, analysed answers): first for people, then for simulated participants."""
-    counted = [row for row in answers if row.counted and row.moment in SESSION_MOMENTS]
+    counted = [row for row in answers if row.counted and row.moment in SESSION_QUESTION_MOMENTS]
     for simulated in sorted({row.simulated for row in counted}):
         given: dict[tuple[str, str], dict[str, float]] = {}
         for row in counted:
@@ -203,7 +203,7 @@ def _participants_with_proxy(
     answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
 ) -> set[str]:
     """Returns the participants with a value from an answer of a proxy. A change is computed from two answers."""
-    moments = SESSION_MOMENTS if moment == CHANGE else (moment,)
+    moments = SESSION_QUESTION_MOMENTS if moment == CHANGE else (moment,)
     given = [_counted(answers, simulated, each, quantity) for each in moments]
     known = set[str].intersection(*({row.participant for row in own} for own in given))
     proxies = {row.participant for own in given for row in own if row.respondent == PROXY}

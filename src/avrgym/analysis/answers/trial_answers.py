@@ -8,7 +8,6 @@ from typing import Annotated
 from avrgym.analysis.columns import (
     AT_LEAST_0,
     SHARE,
-    ByProxy,
     IsSimulated,
     ItemName,
     LowerQuartile,
@@ -16,29 +15,30 @@ from avrgym.analysis.columns import (
     Mean,
     Median,
     Minimum,
-    Moment,
-    N,
     PolicyName,
     PolicyNameOrNone,
+    ProxyAnswerCount,
+    QuestionMoment,
     QuestionnaireName,
     RobotName,
     TaskName,
     UpperQuartile,
+    ValueCount,
 )
-from avrgym.analysis.reading.rows import ALL, AnswerRow
+from avrgym.analysis.reading.rows import ALL_LABEL, AnswerRow
 from avrgym.analysis.statistics.comparisons import (
-    PARTICIPANT,
-    TRIAL,
+    PARTICIPANT_UNIT,
+    TRIAL_UNIT,
+    AnalysisUnitKey,
     Comparison,
-    Family,
-    Question,
-    UnitKey,
+    ComparisonFamily,
+    ResearchQuestion,
     compare_policies,
-    corrected_family,
     differences_by_participant,
-    values_by_unit,
+    holm_corrected_family,
+    values_by_analysis_unit,
 )
-from avrgym.analysis.statistics.tests import signed_rank, summary_statistics
+from avrgym.analysis.statistics.tests import signed_rank_test, summary_statistics
 from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
@@ -47,7 +47,7 @@ from avrgym.system.columns import Column
 
 
 @dataclass(frozen=True, kw_only=True)
-class SubjectiveRow:
+class AnswerSummaryRow:
     """Summary of the analysed answers to one item with one policy. ``all`` means all tasks or all robots together."""
 
     simulated: IsSimulated
@@ -55,8 +55,8 @@ class SubjectiveRow:
     policy: PolicyName
     task: TaskName
     robot: RobotName
-    n: N
-    by_proxy: ByProxy
+    n: ValueCount
+    by_proxy: ProxyAnswerCount
     mean: Mean
     minimum: Minimum
     lower_quartile: LowerQuartile
@@ -74,7 +74,7 @@ class LikertRow:
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
-    moment: Moment
+    moment: QuestionMoment
     item: ItemName
     policy: PolicyNameOrNone
     value: Annotated[int, Column("Value on the item's scale.")]
@@ -86,16 +86,16 @@ class LikertRow:
 AFTER_TRIAL = "after_trial"
 
 
-def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SubjectiveRow]:
+def answer_summary_rows(design: Design, answers: Sequence[AnswerRow]) -> list[AnswerSummaryRow]:
     """Returns summary rows of each item and policy: over all trials, by task, by robot, and by task and robot."""
-    tasks, robots = (ALL, *design.tasks), (ALL, *design.robots)
-    rows: list[SubjectiveRow] = []
+    tasks, robots = (ALL_LABEL, *design.tasks), (ALL_LABEL, *design.robots)
+    rows: list[AnswerSummaryRow] = []
     for simulated in _groups(answers):
         for item, policy, task, robot in product(trial_items(design), design.policies, tasks, robots):
             own = [
                 row
                 for row in _counted_answers(answers, simulated, item.id, policy)
-                if task in (row.task, ALL) and robot in (row.robot, ALL)
+                if task in (row.task, ALL_LABEL) and robot in (row.robot, ALL_LABEL)
             ]
             if own:
                 rows.append(_summary(simulated, item.id, policy, task, robot, own))
@@ -105,7 +105,7 @@ def subjective_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Subjec
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
     """Returns the frequency of each value of each item after trials, by policy."""
     rows: list[LikertRow] = []
-    for simulated, questionnaire in product(_groups(answers), questionnaires_at(design, AFTER_TRIAL)):
+    for simulated, questionnaire in product(_groups(answers), questionnaires_at_moment(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
             own = _counted_answers(answers, simulated, item.id, policy)
             rows += value_frequencies(simulated, questionnaire, AFTER_TRIAL, item, policy, own)
@@ -139,7 +139,7 @@ def value_frequencies(
     ]
 
 
-def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family]:
+def answer_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
     """Returns the two tests of the paper, by trial (as in the paper) and by participant.
 
     Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale.
@@ -147,25 +147,29 @@ def answer_families(design: Design, answers: Sequence[AnswerRow]) -> list[Family
     questionnaire form a family. Trials of one participant are not independent: if participants differ, p by trial is
     too small. In tests by participant, each participant has one value: the mean over trials.
     """
-    families: list[Family] = []
+    families: list[ComparisonFamily] = []
     for simulated in _groups(answers):
-        rated = questionnaires_at(design, AFTER_TRIAL)
-        for questionnaire, unit in product(rated[:1], (TRIAL, PARTICIPANT)):
+        rated = questionnaires_at_moment(design, AFTER_TRIAL)
+        for questionnaire, unit in product(rated[:1], (TRIAL_UNIT, PARTICIPANT_UNIT)):
             question = midpoint_question(questionnaire)
             tests = [
                 _against_middle(questionnaire, policy, answers, simulated, unit) for policy in design.policies
             ]
-            families.append(corrected_family(simulated, question, unit, tests))
-        for questionnaire, unit in product(rated, (TRIAL, PARTICIPANT)):
+            families.append(holm_corrected_family(simulated, question, unit, tests))
+        for questionnaire, unit in product(rated, (TRIAL_UNIT, PARTICIPANT_UNIT)):
             tests = [
                 compare_policies(item.id, pair, _values(answers, simulated, item.id, pair), unit)
                 for pair, item in product(combinations(design.policies, 2), questionnaire.items)
             ]
-            families.append(corrected_family(simulated, policy_question(design, questionnaire), unit, tests))
+            families.append(
+                holm_corrected_family(
+                    simulated, policy_comparison_question(design, questionnaire), unit, tests
+                )
+            )
     return families
 
 
-def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
+def questionnaires_at_moment(design: Design, moment: str) -> list[Questionnaire]:
     """Returns the questionnaires at ``moment`` (such as "after_trial"), in the order of the design."""
     return [questionnaire for questionnaire in design.questionnaires if moment in questionnaire.moments]
 
@@ -173,25 +177,27 @@ def questionnaires_at(design: Design, moment: str) -> list[Questionnaire]:
 def trial_items(design: Design) -> tuple[Item, ...]:
     """Returns the items of all questionnaires after trials, in the order of the design."""
     return tuple(
-        item for questionnaire in questionnaires_at(design, AFTER_TRIAL) for item in questionnaire.items
+        item
+        for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL)
+        for item in questionnaire.items
     )
 
 
-def midpoint_question(questionnaire: Questionnaire) -> Question:
+def midpoint_question(questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to the first item differ from the midpoint of its scale?"""
     name = f"{questionnaire.items[0].id} against the middle"
-    return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
+    return ResearchQuestion(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
-def policy_question(design: Design, questionnaire: Questionnaire) -> Question:
+def policy_comparison_question(design: Design, questionnaire: Questionnaire) -> ResearchQuestion:
     """Returns the research question: do the answers to a questionnaire differ between policies?
 
     With several questionnaires after trials, the question's name contains the questionnaire's name.
     """
-    names = {base_name(each.name) for each in questionnaires_at(design, AFTER_TRIAL)}
+    names = {base_name(each.name) for each in questionnaires_at_moment(design, AFTER_TRIAL)}
     several = len(names) > 1 or questionnaire.name not in names
     name = f"policies, {questionnaire.name}" if several else "policies"
-    return Question(name, _table_caption(questionnaire), questionnaire.instrument is None)
+    return ResearchQuestion(name, _table_caption(questionnaire), questionnaire.instrument is None)
 
 
 def _table_caption(questionnaire: Questionnaire) -> str:
@@ -202,8 +208,8 @@ def _against_middle(
     questionnaire: Questionnaire, policy: str, answers: Sequence[AnswerRow], simulated: bool, unit: str
 ) -> Comparison:
     item = questionnaire.items[0]
-    neutral = questionnaire.scale_of(item).middle
-    values = values_by_unit(
+    neutral = questionnaire.scale_of(item).middle_value
+    values = values_by_analysis_unit(
         unit, {_key(row): row.value for row in _counted_answers(answers, simulated, item.id, policy)}
     )
     differences = {key: value - neutral for key, value in values.items()}
@@ -211,14 +217,14 @@ def _against_middle(
         item.id,
         (policy, list(values.values())),
         (f"{neutral:g}, the middle", [neutral] * len(values)),
-        signed_rank(list(differences.values())),
+        signed_rank_test(list(differences.values())),
         *differences_by_participant(unit, differences),
     )
 
 
 def _values(
     answers: Sequence[AnswerRow], simulated: bool, item: str, policies: tuple[str, str]
-) -> tuple[dict[UnitKey, float], dict[UnitKey, float]]:
+) -> tuple[dict[AnalysisUnitKey, float], dict[AnalysisUnitKey, float]]:
     """Returns the answers to an item with the first and with the second policy, by (participant, task, robot)."""
     first, second = (_counted_answers(answers, simulated, item, policy) for policy in policies)
     return {_key(row): row.value for row in first}, {_key(row): row.value for row in second}
@@ -235,14 +241,14 @@ def _counted_answers(
     return [row for row in answers if (row.counted, row.simulated, row.item, row.policy) == wanted]
 
 
-def _key(row: AnswerRow) -> UnitKey:
+def _key(row: AnswerRow) -> AnalysisUnitKey:
     return row.participant, row.task or "", row.robot or ""
 
 
 def _summary(
     simulated: bool, item: str, policy: str, task: str, robot: str, answers: Sequence[AnswerRow]
-) -> SubjectiveRow:
-    return SubjectiveRow(
+) -> AnswerSummaryRow:
+    return AnswerSummaryRow(
         simulated=simulated,
         item=item,
         policy=policy,

@@ -12,13 +12,13 @@ from typing import Annotated
 import numpy as np
 
 from avrgym.analysis.biomechanics.training_people import (
-    AXES,
-    HEIGHT_DISTRIBUTIONS,
-    TRAINING_PEOPLE,
-    PersonRow,
-    Posture,
+    AXIS_NAMES,
+    HEIGHT_POPULATIONS,
+    TRAINING_POPULATIONS,
+    PostureName,
+    SampledPersonRow,
     head_position,
-    posture_of,
+    task_posture,
     training_head_positions,
 )
 from avrgym.analysis.columns import (
@@ -29,9 +29,9 @@ from avrgym.analysis.columns import (
     Mean,
     Median,
     Minimum,
-    N,
-    Quantity,
+    QuantityName,
     UpperQuartile,
+    ValueCount,
 )
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.array_types import FloatArray
@@ -44,10 +44,10 @@ class BiomechanicsRow:
     """Distribution of a measure among participants (one value each) or in a training population."""
 
     simulated: IsSimulated
-    quantity: Quantity
-    posture: Posture
+    quantity: QuantityName
+    posture: PostureName
     population: Annotated[str, Column("Participants, or the training population.")]
-    n: N
+    n: ValueCount
     mean: Mean
     deviation: Annotated[float | None, Column("Standard deviation.", empty="fewer than two values")]
     minimum: Minimum
@@ -58,12 +58,12 @@ class BiomechanicsRow:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RangeRow:
+class MeasureRangeRow:
     """Range of a measure among participants, and the ranges of the same measure in the two training populations."""
 
     simulated: IsSimulated
-    quantity: Quantity
-    n: N
+    quantity: QuantityName
+    n: ValueCount
     minimum: Minimum
     maximum: Maximum
     original_low: Annotated[float, Column("Lower bound in the Original population.")]
@@ -83,11 +83,11 @@ class BodyTrials:
 
     def postures(self) -> list[str]:
         """Returns the different postures in these trials: ``seated``, ``in bed`` or both."""
-        return list(dict.fromkeys(posture_of(row.task) for row in self.trials))
+        return list(dict.fromkeys(task_posture(row.task) for row in self.trials))
 
     def trials_in_posture(self, posture: str) -> list[TrialRow]:
         """Returns the trials in ``posture``."""
-        return [row for row in self.trials if posture_of(row.task) == posture]
+        return [row for row in self.trials if task_posture(row.task) == posture]
 
 
 def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
@@ -105,7 +105,9 @@ def body_trials_by_group(trials: Sequence[TrialRow]) -> list[BodyTrials]:
 # Distributions
 
 
-def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[BiomechanicsRow]:
+def biomechanics_rows(
+    groups: Sequence[BodyTrials], people: Sequence[SampledPersonRow]
+) -> list[BiomechanicsRow]:
     """Returns the distributions of torso height, and of head position by posture.
 
     First are the rows of participants, then those of the training populations.
@@ -114,18 +116,18 @@ def biomechanics_rows(groups: Sequence[BodyTrials], people: Sequence[PersonRow])
     for group in groups:
         own = torso_heights(group)
         rows.append(_distribution(group.simulated, "torso_height_m", "any", "participants", own))
-        for posture, axis in product(group.postures(), range(len(AXES))):
+        for posture, axis in product(group.postures(), range(len(AXIS_NAMES))):
             heads = participant_head_positions(group, posture)[:, axis]
             rows.append(
-                _distribution(group.simulated, f"head_{AXES[axis]}_m", posture, "participants", heads)
+                _distribution(group.simulated, f"head_{AXIS_NAMES[axis]}_m", posture, "participants", heads)
             )
-    for name in TRAINING_PEOPLE:
+    for name in TRAINING_POPULATIONS:
         drawn = [row for row in people if row.population == name]
         values = [row.torso_height_m for row in drawn]
         rows.append(_distribution(True, "torso_height_m", "any", name, values))
-        for posture, axis in product(dict.fromkeys(row.posture for row in drawn), range(len(AXES))):
+        for posture, axis in product(dict.fromkeys(row.posture for row in drawn), range(len(AXIS_NAMES))):
             heads = training_head_positions(drawn, name, posture)[:, axis]
-            rows.append(_distribution(True, f"head_{AXES[axis]}_m", posture, name, heads))
+            rows.append(_distribution(True, f"head_{AXIS_NAMES[axis]}_m", posture, name, heads))
     return rows
 
 
@@ -172,21 +174,23 @@ def _distribution(
 # Ranges
 
 
-def range_rows(groups: Sequence[BodyTrials]) -> list[RangeRow]:
+def measure_range_rows(groups: Sequence[BodyTrials]) -> list[MeasureRangeRow]:
     """Returns the ranges over all participants of torso height (by sex) and of waist angles.
 
     Each waist angle has two ranges: the range of the mean angles of trials, and the range of all angles in trials.
     """
-    rows: list[RangeRow] = []
+    rows: list[MeasureRangeRow] = []
     for group in groups:
         for sex in SEXES:
             spans = [(height_m, height_m) for height_m in torso_heights(group, sex)]
-            ends = [getattr(TRAINING_PEOPLE[name], f"torso_height_{sex}_m") for name in HEIGHT_DISTRIBUTIONS]
-            rows += _range(group.simulated, f"torso_height_{sex}_m", spans, *ends)
-        for axis in AXES:
             ends = [
-                (-TRAINING_PEOPLE[name].waist_range_deg, TRAINING_PEOPLE[name].waist_range_deg)
-                for name in HEIGHT_DISTRIBUTIONS
+                getattr(TRAINING_POPULATIONS[name], f"torso_height_{sex}_m") for name in HEIGHT_POPULATIONS
+            ]
+            rows += _range(group.simulated, f"torso_height_{sex}_m", spans, *ends)
+        for axis in AXIS_NAMES:
+            ends = [
+                (-TRAINING_POPULATIONS[name].waist_range_deg, TRAINING_POPULATIONS[name].waist_range_deg)
+                for name in HEIGHT_POPULATIONS
             ]
             means = [_span(row, f"waist_{axis}_deg", f"waist_{axis}_deg") for row in group.trials]
             whole = [_span(row, f"waist_{axis}_min_deg", f"waist_{axis}_max_deg") for row in group.trials]
@@ -205,7 +209,7 @@ def _range(
     spans: Sequence[tuple[float, float]],
     original: tuple[float, float],
     revised: tuple[float, float],
-) -> list[RangeRow]:
+) -> list[MeasureRangeRow]:
     if not spans:
         return []
     covers = [
@@ -213,7 +217,7 @@ def _range(
         for low, high in (original, revised)
     ]
     return [
-        RangeRow(
+        MeasureRangeRow(
             simulated=simulated,
             quantity=quantity,
             n=len(spans),

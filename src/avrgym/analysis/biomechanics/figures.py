@@ -13,13 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from avrgym.analysis.biomechanics.biomechanics import BodyTrials, torso_heights
-from avrgym.analysis.biomechanics.training_people import HEIGHT_DISTRIBUTIONS, PersonRow, head_position
+from avrgym.analysis.biomechanics.training_people import HEIGHT_POPULATIONS, SampledPersonRow, head_position
 from avrgym.analysis.page.drawing import (
+    FIGURE_WIDTH_IN,
     LINE_COLOURS,
-    STYLE,
+    MATPLOTLIB_STYLE,
     TEXT_COLOUR,
-    WIDTH_IN,
-    Drawing,
+    ReportFigure,
     add_legend,
     finish_figure,
 )
@@ -27,22 +27,23 @@ from avrgym.models.human import SEXES
 
 MAX_SHOWN_PEOPLE = 150
 """Maximum number of sampled people in a figure, for each population and posture."""
-BIN_M = 0.01
+HISTOGRAM_BIN_M = 0.01
 
 
-def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) -> ReportFigure:
     """Returns a figure of the distributions of torso heights. A marker below them is the height of one participant."""
     own = torso_heights(trials)
     trained = {
-        name: [row.torso_height_m for row in people if row.population == name]
-        for name in HEIGHT_DISTRIBUTIONS
+        name: [row.torso_height_m for row in people if row.population == name] for name in HEIGHT_POPULATIONS
     }
     samples = {"participants": own, **trained}
     edges = np.arange(
-        min(map(min, samples.values())) - 2 * BIN_M, max(map(max, samples.values())) + 2 * BIN_M, BIN_M
+        min(map(min, samples.values())) - 2 * HISTOGRAM_BIN_M,
+        max(map(max, samples.values())) + 2 * HISTOGRAM_BIN_M,
+        HISTOGRAM_BIN_M,
     )
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 3.0), layout="constrained")
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
+        figure = Figure(figsize=(FIGURE_WIDTH_IN, 3.0), layout="constrained")
         axes = figure.add_subplot()
         for (name, values), colour in zip(
             samples.items(), (TEXT_COLOUR, LINE_COLOURS[0], LINE_COLOURS[1]), strict=True
@@ -64,14 +65,14 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Draw
     )
 
 
-def head_position_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Drawing:
+def head_position_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) -> ReportFigure:
     """Returns a figure of head positions from the front and from the side.
 
     Points are means of trials, and people sampled from the training populations.
     """
     postures = trials.postures()
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
+        figure = Figure(figsize=(FIGURE_WIDTH_IN, 0.7 + 2.4 * len(postures)), layout="constrained")
         for place, (posture, (axis, view)) in enumerate(product(postures, ((0, "x"), (1, "y")))):
             axes = figure.add_subplot(len(postures), 2, place + 1)
             _heads(axes, trials, people, posture, axis)
@@ -91,8 +92,10 @@ def head_position_figure(trials: BodyTrials, people: Sequence[PersonRow]) -> Dra
     return finish_figure(trials.simulated, "head-positions", caption, figure)
 
 
-def _heads(axes: Axes, group: BodyTrials, people: Sequence[PersonRow], posture: str, axis: int) -> None:
-    for name, colour in zip(reversed(HEIGHT_DISTRIBUTIONS), (LINE_COLOURS[1], LINE_COLOURS[0]), strict=True):
+def _heads(
+    axes: Axes, group: BodyTrials, people: Sequence[SampledPersonRow], posture: str, axis: int
+) -> None:
+    for name, colour in zip(reversed(HEIGHT_POPULATIONS), (LINE_COLOURS[1], LINE_COLOURS[0]), strict=True):
         drawn = [row for row in people if (row.population, row.posture) == (name, posture)][:MAX_SHOWN_PEOPLE]
         _cloud(
             axes, drawn, axis, color=colour, alpha=0.4, markersize=2.5, label=f"{name} people (simulation)"

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.biomechanics.biomechanics import BiomechanicsRow, RangeRow
-from avrgym.analysis.biomechanics.tests import HEAD_QUESTION, HEIGHT_QUESTION
+from avrgym.analysis.biomechanics.biomechanics import BiomechanicsRow, MeasureRangeRow
+from avrgym.analysis.biomechanics.tests import HEAD_AXIS_QUESTION, TORSO_HEIGHT_QUESTION
 from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.drawing import ReportFigures, inline_figures
 from avrgym.analysis.page.elements import (
     Markup,
     details,
@@ -20,9 +20,9 @@ from avrgym.analysis.page.elements import (
 
 def biomechanics_section(
     distributions: Sequence[BiomechanicsRow],
-    ranges: Sequence[RangeRow],
+    ranges: Sequence[MeasureRangeRow],
     simulated: bool,
-    drawings: Drawings,
+    drawings: ReportFigures,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: figures, ranges, tests and distributions.
@@ -39,13 +39,13 @@ def biomechanics_section(
         tag("h3", "Biomechanics: participants and training populations"),
         inline_figures(drawings, "torso-heights", "head-positions"),
         _ranges(own_ranges, simulated),
-        tests.pop(HEIGHT_QUESTION.table, Markup()),
-        details("Head positions, axis by axis", tests.pop(HEAD_QUESTION.table, Markup())),
+        tests.pop(TORSO_HEIGHT_QUESTION.table_caption, Markup()),
+        details("Head positions, axis by axis", tests.pop(HEAD_AXIS_QUESTION.table_caption, Markup())),
         details("The distributions in numbers", _distributions(distributions, simulated)),
     )
 
 
-def _ranges(rows: Sequence[RangeRow], simulated: bool) -> Markup:
+def _ranges(rows: Sequence[MeasureRangeRow], simulated: bool) -> Markup:
     heads = ("Measure", "n", "Participants", "Original", "covers", "Revised", "covers")
     body = [
         (

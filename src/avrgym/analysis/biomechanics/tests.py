@@ -8,32 +8,43 @@ import numpy as np
 
 from avrgym.analysis.biomechanics.biomechanics import BodyTrials, participant_head_positions, torso_heights
 from avrgym.analysis.biomechanics.training_people import (
-    AXES,
-    HEIGHT_DISTRIBUTIONS,
-    TRAINING_PEOPLE,
-    PersonRow,
+    AXIS_NAMES,
+    HEIGHT_POPULATIONS,
+    TRAINING_POPULATIONS,
+    SampledPersonRow,
     head_position,
     training_head_positions,
 )
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.analysis.statistics.comparisons import (
-    PARTICIPANT,
-    TRIAL,
+    PARTICIPANT_UNIT,
+    TRIAL_UNIT,
     Comparison,
-    Family,
-    Question,
-    corrected_family,
+    ComparisonFamily,
+    ResearchQuestion,
+    holm_corrected_family,
 )
-from avrgym.analysis.statistics.tests import StatisticalTest, energy_test, rank_sum, signed_rank
-from avrgym.system.random_streams import TRAINING_PEOPLE_SEED
+from avrgym.analysis.statistics.tests import (
+    StatisticalTestResult,
+    energy_test,
+    rank_sum_test,
+    signed_rank_test,
+)
+from avrgym.system.random_streams import TRAINING_POPULATION_SEED
 from avrgym.tasks.registry import TASKS
 
-HEIGHT_QUESTION = Question("torso heights", table="Torso heights and whole head positions")
-HEAD_POSITION_QUESTION = Question("whole head positions", table=HEIGHT_QUESTION.table)
-HEAD_QUESTION = Question("head positions", table="Head positions by axis")
+TORSO_HEIGHT_QUESTION = ResearchQuestion(
+    "torso heights", table_caption="Torso heights and whole head positions"
+)
+HEAD_POSITION_QUESTION = ResearchQuestion(
+    "whole head positions", table_caption=TORSO_HEIGHT_QUESTION.table_caption
+)
+HEAD_AXIS_QUESTION = ResearchQuestion("head positions", table_caption="Head positions by axis")
 
 
-def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonRow]) -> list[Family]:
+def biomechanics_test_families(
+    groups: Sequence[BodyTrials], people: Sequence[SampledPersonRow]
+) -> list[ComparisonFamily]:
     """Returns all tests of torso heights, then of head positions, for each group and posture.
 
     The signed-rank test (as in the paper) pairs each trial with a person sampled for the same task. The choice of pairs
@@ -43,51 +54,51 @@ def biomechanics_families(groups: Sequence[BodyTrials], people: Sequence[PersonR
     return [family for group in groups for family in _families(group, people)]
 
 
-def _families(group: BodyTrials, people: Sequence[PersonRow]) -> Iterator[Family]:
-    for unit, test in ((TRIAL, _paired_heights), (PARTICIPANT, _unpaired_heights)):
-        yield corrected_family(
+def _families(group: BodyTrials, people: Sequence[SampledPersonRow]) -> Iterator[ComparisonFamily]:
+    for unit, test in ((TRIAL_UNIT, _paired_heights), (PARTICIPANT_UNIT, _unpaired_heights)):
+        yield holm_corrected_family(
             group.simulated,
-            HEIGHT_QUESTION,
+            TORSO_HEIGHT_QUESTION,
             unit,
-            [test(group, people, name) for name in HEIGHT_DISTRIBUTIONS],
+            [test(group, people, name) for name in HEIGHT_POPULATIONS],
         )
-    places = list(product(group.postures(), TRAINING_PEOPLE))
+    places = list(product(group.postures(), TRAINING_POPULATIONS))
     for question, unit, tests in (
-        (HEAD_QUESTION, TRIAL, _paired_heads),
-        (HEAD_QUESTION, PARTICIPANT, _unpaired_heads),
-        (HEAD_POSITION_QUESTION, PARTICIPANT, _whole_heads),
+        (HEAD_AXIS_QUESTION, TRIAL_UNIT, _paired_heads),
+        (HEAD_AXIS_QUESTION, PARTICIPANT_UNIT, _unpaired_heads),
+        (HEAD_POSITION_QUESTION, PARTICIPANT_UNIT, _whole_heads),
     ):
         found = [test for place in places for test in tests(group, people, *place)]
-        yield corrected_family(group.simulated, question, unit, found)
+        yield holm_corrected_family(group.simulated, question, unit, found)
 
 
-def _paired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -> Comparison:
+def _paired_heights(group: BodyTrials, people: Sequence[SampledPersonRow], name: str) -> Comparison:
     own = [float(row.torso_height_m or 0.0) for row in group.trials]
     others = [row.torso_height_m for row in _partners(group.trials, people, name)]
-    found = signed_rank(np.subtract(own, others))
+    found = signed_rank_test(np.subtract(own, others))
     return _against(group.trials, "torso_height_m", own, name, others, found)
 
 
-def _unpaired_heights(group: BodyTrials, people: Sequence[PersonRow], name: str) -> Comparison:
+def _unpaired_heights(group: BodyTrials, people: Sequence[SampledPersonRow], name: str) -> Comparison:
     own = torso_heights(group)
     others = [row.torso_height_m for row in people if row.population == name]
-    return _against(group.trials, "torso_height_m", own, name, others, rank_sum(own, others))
+    return _against(group.trials, "torso_height_m", own, name, others, rank_sum_test(own, others))
 
 
 def _paired_heads(
-    group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
+    group: BodyTrials, people: Sequence[SampledPersonRow], posture: str, name: str
 ) -> list[Comparison]:
     trials = group.trials_in_posture(posture)
     own = np.array([head_position(row) for row in trials]).T
     others = np.array([head_position(row) for row in _partners(trials, people, name)]).T
     return [
-        _against(trials, f"head_{axis}_m, {posture}", a, name, b, signed_rank(a - b))
-        for axis, a, b in zip(AXES, own, others, strict=True)
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, signed_rank_test(a - b))
+        for axis, a, b in zip(AXIS_NAMES, own, others, strict=True)
     ]
 
 
 def _unpaired_heads(
-    group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str
+    group: BodyTrials, people: Sequence[SampledPersonRow], posture: str, name: str
 ) -> list[Comparison]:
     trials = group.trials_in_posture(posture)
     own, others = (
@@ -95,30 +106,34 @@ def _unpaired_heads(
         training_head_positions(people, name, posture).T,
     )
     return [
-        _against(trials, f"head_{axis}_m, {posture}", a, name, b, rank_sum(a, b))
-        for axis, a, b in zip(AXES, own, others, strict=True)
+        _against(trials, f"head_{axis}_m, {posture}", a, name, b, rank_sum_test(a, b))
+        for axis, a, b in zip(AXIS_NAMES, own, others, strict=True)
     ]
 
 
-def _whole_heads(group: BodyTrials, people: Sequence[PersonRow], posture: str, name: str) -> list[Comparison]:
+def _whole_heads(
+    group: BodyTrials, people: Sequence[SampledPersonRow], posture: str, name: str
+) -> list[Comparison]:
     own, others = participant_head_positions(group, posture), training_head_positions(people, name, posture)
-    found = energy_test(own, others, TRAINING_PEOPLE_SEED)
+    found = energy_test(own, others, TRAINING_POPULATION_SEED)
     return [_against(group.trials_in_posture(posture), f"head_m, {posture}", own, name, others, found)]
 
 
 def _against(
-    trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTest
+    trials: Sequence[TrialRow], quantity: str, own: Any, name: str, others: Any, found: StatisticalTestResult
 ) -> Comparison:
     """Returns the comparison of the participants' values ``own`` with the values ``others`` of population ``name``."""
     participants = len({row.participant for row in trials})
     return Comparison(quantity, ("participants", own), (name, others), found, participants)
 
 
-def _partners(trials: Sequence[TrialRow], people: Sequence[PersonRow], name: str) -> list[PersonRow]:
+def _partners(
+    trials: Sequence[TrialRow], people: Sequence[SampledPersonRow], name: str
+) -> list[SampledPersonRow]:
     """Returns a sampled person of the same task for each trial, in order. After the last person, it starts again."""
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
-    partners: list[PersonRow] = []
+    partners: list[SampledPersonRow] = []
     for trial in trials:
         own = drawn[trial.task]
         partners.append(own[taken[trial.task] % len(own)])

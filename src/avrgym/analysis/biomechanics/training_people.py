@@ -13,29 +13,29 @@ from avrgym.analysis.reading.trial_series import WAIST_JOINTS, head_centres
 from avrgym.array_types import FloatArray
 from avrgym.models.human import SEXES
 from avrgym.people.arm_clearance import furniture_boxes
-from avrgym.people.distributions import DISTRIBUTIONS, NUM_UNIFORMS, Distribution, sample_people
+from avrgym.people.distributions import BASE_DISTRIBUTIONS, NUM_UNIFORMS, PeopleDistribution, sample_people
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.design import Design
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.system import random_streams
 from avrgym.system.columns import Column
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 
-Posture = Annotated[str, Column("Posture.", allowed="seated, in bed")]
+PostureName = Annotated[str, Column("Posture.", allowed="seated, in bed")]
 WaistAngle = Annotated[float, Column("Waist angle about this axis.", unit="°")]
 HeadCoordinate = Annotated[float, Column("Head centre on this axis of the world frame.", unit="m")]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PersonRow:
+class SampledPersonRow:
     """A person sampled from a training population."""
 
     simulated: IsSimulated
     population: Annotated[str, Column("The training population.")]
     task: TaskName
-    posture: Posture
+    posture: PostureName
     number: Annotated[int, Column("Number of the person within task and population.", allowed=AT_LEAST_0)]
-    sex: Annotated[str, TABLES["participants"]["sex"]]
+    sex: Annotated[str, COLUMNS_BY_TABLE["participants"]["sex"]]
     torso_height_m: Annotated[float, Column("Torso height, from hip bone to centre of the head.", unit="m")]
     waist_x_deg: WaistAngle
     waist_y_deg: WaistAngle
@@ -46,9 +46,9 @@ class PersonRow:
 
 
 PEOPLE_PER_TASK = 500
-AXES = ("x", "y", "z")
-_ORIGINAL, _REVISED = DISTRIBUTIONS["original"], DISTRIBUTIONS["revised"]
-TRAINING_PEOPLE: Mapping[str, Distribution] = {
+AXIS_NAMES = ("x", "y", "z")
+_ORIGINAL, _REVISED = BASE_DISTRIBUTIONS["original"], BASE_DISTRIBUTIONS["revised"]
+TRAINING_POPULATIONS: Mapping[str, PeopleDistribution] = {
     "original": _ORIGINAL,
     "original, heights varied": replace(_REVISED, waist_range_deg=_ORIGINAL.waist_range_deg),
     "revised": _REVISED,
@@ -58,59 +58,65 @@ TRAINING_PEOPLE: Mapping[str, Distribution] = {
 The second population has the heights of Revised and the waist angles of Original. It separates the effects of heights
 and waist angles (as in the paper).
 """
-HEIGHT_DISTRIBUTIONS = ("original", "revised")
+HEIGHT_POPULATIONS = ("original", "revised")
 """Names of the populations with different distributions of torso height."""
 
 
-def posture_of(task: str) -> str:
+def task_posture(task: str) -> str:
     """Returns the posture of the person in a task: ``seated`` or ``in bed``."""
     robot = next(robot for each, robot in ENVIRONMENTS.values() if each == task)
     seated = TASKS[task].scene(ROBOTS[robot]).posture.seated
     return "seated" if seated else "in bed"
 
 
-def sample_training_people(design: Design) -> list[PersonRow]:
+def sample_training_people(design: Design) -> list[SampledPersonRow]:
     """Returns ``PEOPLE_PER_TASK`` sampled people for each population and task.
 
     The distributions are those of training.
     """
     return [
         row
-        for name, task in product(TRAINING_PEOPLE, design.tasks)
+        for name, task in product(TRAINING_POPULATIONS, design.tasks)
         for row in _people(name, task, design.robots[0])
     ]
 
 
-def _people(name: str, task: str, robot: str) -> list[PersonRow]:
+def _people(name: str, task: str, robot: str) -> list[SampledPersonRow]:
     """Returns sampled people of one population for one task. The random seed depends only on population and task."""
     scene = TASKS[task].scene(ROBOTS[robot])
-    rng = random_streams.training_people_generator(list(TRAINING_PEOPLE).index(name), list(TASKS).index(task))
+    rng = random_streams.training_population_generator(
+        list(TRAINING_POPULATIONS).index(name), list(TASKS).index(task)
+    )
     uniforms = rng.random((PEOPLE_PER_TASK, NUM_UNIFORMS))
     drawn = sample_people(
-        TRAINING_PEOPLE[name], TASKS[task].pose, scene.posture, furniture_boxes(scene.furniture), uniforms
+        TRAINING_POPULATIONS[name],
+        TASKS[task].pose,
+        scene.posture,
+        furniture_boxes(scene.furniture),
+        uniforms,
     )
     heads_w = head_centres(drawn, scene.posture)
     waists_deg = np.degrees(drawn.joint_angles_rad[:, WAIST_JOINTS])
     return [
-        PersonRow(
+        SampledPersonRow(
             simulated=True,
             population=name,
             task=task,
-            posture=posture_of(task),
+            posture=task_posture(task),
             number=number,
             sex=SEXES[int(drawn.is_woman[number])],
             torso_height_m=float(drawn.torso_height_m[number]),
             **{
                 f"waist_{axis}_deg": float(waist)
-                for axis, waist in zip(AXES, waists_deg[number], strict=True)
+                for axis, waist in zip(AXIS_NAMES, waists_deg[number], strict=True)
             },
-            **{f"head_{axis}_m": float(head) for axis, head in zip(AXES, heads_w[number], strict=True)},
+            **{f"head_{axis}_m": float(head) for axis, head in zip(AXIS_NAMES, heads_w[number], strict=True)},
         )
         for number in range(PEOPLE_PER_TASK)
     ]
 
 
-def training_head_positions(people: Sequence[PersonRow], name: str, posture: str) -> FloatArray:
+def training_head_positions(people: Sequence[SampledPersonRow], name: str, posture: str) -> FloatArray:
     """Returns the head positions (n, 3) of sampled people, in metres in the world frame.
 
     Selected are the people of population ``name`` in ``posture``.
@@ -120,6 +126,6 @@ def training_head_positions(people: Sequence[PersonRow], name: str, posture: str
     )
 
 
-def head_position(row: TrialRow | PersonRow) -> tuple[float, ...]:
+def head_position(row: TrialRow | SampledPersonRow) -> tuple[float, ...]:
     """Returns the head centre (x, y, z) in a table row, in metres in the world frame."""
-    return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXES)
+    return tuple(float(getattr(row, f"head_{axis}_m")) for axis in AXIS_NAMES)

@@ -6,17 +6,23 @@ from itertools import combinations
 
 import numpy as np
 
-from avrgym.analysis.models.estimate import FitError
+from avrgym.analysis.models.estimate import ModelFitError
 from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
-POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER = "policies", "robots", "learning", "order", "carry-over"
-EFFECTS = (POLICIES, ROBOTS, LEARNING, ORDER, CARRY_OVER)
-TASK_GROUPS = "tasks"
+POLICY_EFFECT, ROBOT_EFFECT, LEARNING_EFFECT, ORDER_EFFECT, CARRY_OVER_EFFECT = (
+    "policies",
+    "robots",
+    "learning",
+    "order",
+    "carry-over",
+)
+EFFECT_KINDS = (POLICY_EFFECT, ROBOT_EFFECT, LEARNING_EFFECT, ORDER_EFFECT, CARRY_OVER_EFFECT)
+TASK_EFFECT = "tasks"
 """Kind of the task effects. They are nuisance effects: the models contain them, but the results do not."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
-Group = tuple[str, str]
+TrialGroup = tuple[str, str]
 """A group of trials: (kind of effect, name of the group), such as ``("policies", "original")``."""
 
 
@@ -55,44 +61,45 @@ class DesignMatrix:
     Reference groups have no column.
     """
 
-    groups: tuple[Group, ...]
-    reference_groups: frozenset[Group]
+    column_groups: tuple[TrialGroup, ...]
+    reference_groups: frozenset[TrialGroup]
     matrix: FloatArray
 
     def contrast(self, effect: Effect) -> FloatArray:
-        """Returns the contrast vector (p,) of an effect. Raises ``FitError`` if the effect is not identifiable."""
-        weights = np.zeros(len(self.groups))
+        """Returns the contrast vector (p,) of an effect. Raises ``ModelFitError`` if the effect is not identifiable."""
+        weights = np.zeros(len(self.column_groups))
         for group, sign in (((effect.kind, effect.group_a), 1.0), ((effect.kind, effect.group_b), -1.0)):
-            if group in self.groups:
-                weights[self.groups.index(group)] = sign
+            if group in self.column_groups:
+                weights[self.column_groups.index(group)] = sign
             elif group not in self.reference_groups:
-                raise FitError("the effect is not identifiable from these trials")
+                raise ModelFitError("the effect is not identifiable from these trials")
         return weights
 
 
-def effects(design: Design) -> tuple[Effect, ...]:
+def effects_of_interest(design: Design) -> tuple[Effect, ...]:
     """Returns all effects of interest for a study design."""
-    found = [Effect(POLICIES, b, a) for a, b in combinations(design.policies, 2)]
-    found += [Effect(ROBOTS, b, a) for a, b in combinations(design.robots, 2)]
+    found = [Effect(POLICY_EFFECT, b, a) for a, b in combinations(design.policies, 2)]
+    found += [Effect(ROBOT_EFFECT, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:
-        found.append(Effect(LEARNING, LAST_TASK, FIRST_TASK))
+        found.append(Effect(LEARNING_EFFECT, LAST_TASK, FIRST_TASK))
     if len(design.robot_policy_pairs) > 1:
-        found.append(Effect(ORDER, LAST_TRIAL, FIRST_TRIAL))
+        found.append(Effect(ORDER_EFFECT, LAST_TRIAL, FIRST_TRIAL))
         found += [
-            Effect(CARRY_OVER, after_policy(b), after_policy(a)) for a, b in combinations(design.policies, 2)
+            Effect(CARRY_OVER_EFFECT, carry_over_group(b), carry_over_group(a))
+            for a, b in combinations(design.policies, 2)
         ]
     return tuple(found)
 
 
-def after_policy(policy: str) -> str:
+def carry_over_group(policy: str) -> str:
     """Returns the name of a group of trials: those immediately after a trial with ``policy``."""
     return f"after {policy}"
 
 
 def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatrix:
     """Returns the design matrix of these trials. A column is omitted if it depends linearly on earlier columns."""
-    groups: list[Group] = []
-    reference_groups: set[Group] = set()
+    groups: list[TrialGroup] = []
+    reference_groups: set[TrialGroup] = set()
     kept = np.ones((len(observed), 1))
     for group, column in _candidates(design, observed):
         if column is None:
@@ -105,22 +112,26 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
     return DesignMatrix(tuple(groups), frozenset(reference_groups), kept[:, 1:])
 
 
-def _candidates(design: Design, observed: Sequence[TrialValue]) -> Iterator[tuple[Group, FloatArray | None]]:
+def _candidates(
+    design: Design, observed: Sequence[TrialValue]
+) -> Iterator[tuple[TrialGroup, FloatArray | None]]:
     """Yields (group, column) in order of importance. The column is ``None`` for reference groups."""
-    yield from _indicators(POLICIES, design.policies, [each.policy for each in observed])
-    yield from _indicators(ROBOTS, design.robots, [each.robot for each in observed])
-    yield from _indicators(TASK_GROUPS, design.tasks, [each.task for each in observed])
-    yield (LEARNING, FIRST_TASK), None
-    yield (LEARNING, LAST_TASK), np.array([each.block_position for each in observed])
-    yield (ORDER, FIRST_TRIAL), None
-    yield (ORDER, LAST_TRIAL), np.array([each.position_in_block for each in observed])
-    befores = [after_policy(each.previous_policy) if each.previous_policy else None for each in observed]
-    yield from _indicators(CARRY_OVER, [after_policy(policy) for policy in design.policies], befores)
+    yield from _indicators(POLICY_EFFECT, design.policies, [each.policy for each in observed])
+    yield from _indicators(ROBOT_EFFECT, design.robots, [each.robot for each in observed])
+    yield from _indicators(TASK_EFFECT, design.tasks, [each.task for each in observed])
+    yield (LEARNING_EFFECT, FIRST_TASK), None
+    yield (LEARNING_EFFECT, LAST_TASK), np.array([each.block_position for each in observed])
+    yield (ORDER_EFFECT, FIRST_TRIAL), None
+    yield (ORDER_EFFECT, LAST_TRIAL), np.array([each.position_in_block for each in observed])
+    befores = [carry_over_group(each.previous_policy) if each.previous_policy else None for each in observed]
+    yield from _indicators(
+        CARRY_OVER_EFFECT, [carry_over_group(policy) for policy in design.policies], befores
+    )
 
 
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
-) -> Iterator[tuple[Group, FloatArray | None]]:
+) -> Iterator[tuple[TrialGroup, FloatArray | None]]:
     """Yields (group, indicator column of 0 and 1). The first group is the reference group; its column is ``None``.
 
     ``given``: group of each trial. A trial without a group has the value 1 / (number of groups) in each column.

@@ -11,30 +11,32 @@ from avrgym.array_types import FloatArray
 CONFIDENCE_LEVEL = 0.95
 
 
-class FitError(Exception):
+class ModelFitError(Exception):
     """The model or the effect cannot be estimated from these data."""
 
 
 @dataclass(frozen=True)
-class Estimate:
+class EffectEstimate:
     """Estimate of an effect: value, standard error, degrees of freedom, 95 % confidence interval and p (Student's t).
 
     ``note``: warnings about the model; empty without warnings.
     """
 
     value: float
-    error: float
+    standard_error: float
     df: float
-    low: float
-    high: float
+    ci_low: float
+    ci_high: float
     p: float
     note: str = ""
 
     @classmethod
-    def from_variance(cls, value: float, variance: float, df: float) -> "Estimate":
-        """Returns an estimate with interval and p (Student's t). Raises ``FitError`` if the variance is not above 0."""
+    def from_variance(cls, value: float, variance: float, df: float) -> "EffectEstimate":
+        """Returns an estimate with interval and p (Student's t). Raises ``ModelFitError`` if the variance is not above
+        0.
+        """
         if not variance > 1e-16 * max(1.0, value**2):
-            raise FitError("all participants have the same difference: its variance is zero")
+            raise ModelFitError("all participants have the same difference: its variance is zero")
         error = float(np.sqrt(variance))
         half = float(stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2, df)) * error
         p = 2.0 * float(stats.t.sf(abs(value) / error, df))
@@ -44,6 +46,6 @@ class Estimate:
 class FittedModel(Protocol):
     """A fitted regression model."""
 
-    def estimate(self, contrast: FloatArray) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> EffectEstimate:
         """Returns the estimate of ``contrast @ coefficients``. ``contrast`` (p,): weight of each coefficient."""
         ...

@@ -5,19 +5,26 @@ from dataclasses import replace
 
 import numpy as np
 
-from avrgym.analysis.models.effects import POLICIES, ROBOTS, DesignMatrix, Effect, TrialValue, design_matrix
-from avrgym.analysis.models.estimate import Estimate, FitError, FittedModel
-from avrgym.analysis.models.mixed import fit_mixed
-from avrgym.analysis.models.ordinal import fit_ordinal
+from avrgym.analysis.models.effects import (
+    POLICY_EFFECT,
+    ROBOT_EFFECT,
+    DesignMatrix,
+    Effect,
+    TrialValue,
+    design_matrix,
+)
+from avrgym.analysis.models.estimate import EffectEstimate, FittedModel, ModelFitError
+from avrgym.analysis.models.mixed import fit_mixed_model
+from avrgym.analysis.models.ordinal import fit_ordinal_model
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.array_types import FloatArray
 from avrgym.study.design.design import Design
 
-ORDINAL, LOGISTIC, MIXED = "ordinal", "logistic", "mixed"
-EffectEstimates = Mapping[Effect, Estimate | FitError]
-RANDOM_EFFECT_BY_KIND = {POLICIES: "policy", ROBOTS: "robot"}
+ORDINAL_MODEL, LOGISTIC_MODEL, MIXED_MODEL = "ordinal", "logistic", "mixed"
+EstimateByEffect = Mapping[Effect, EffectEstimate | ModelFitError]
+RANDOM_EFFECT_BY_KIND = {POLICY_EFFECT: "policy", ROBOT_EFFECT: "robot"}
 """Random effect by kind of effect: the effects of policies and robots can differ between participants."""
-UNRELIABLE_NOTE = "p is unreliable: no variance of this effect between participants was found"
+UNRELIABLE_P_NOTE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
@@ -30,7 +37,7 @@ def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[li
         The remaining values, and a note with the dropped groups. The note is empty if no group was dropped.
     """
     kept, left_out = list(observed), list[str]()
-    if model == MIXED or len({each.value for each in observed}) < 2:
+    if model == MIXED_MODEL or len({each.value for each in observed}) < 2:
         return kept, ""
     for of in (_task, _robot):
         given = [each.value for each in kept]
@@ -58,47 +65,47 @@ def _robot(observed: TrialValue) -> str:
 
 def estimate_effects(
     design: Design, model: str, observed: Sequence[TrialValue], requested_effects: Sequence[Effect]
-) -> EffectEstimates:
-    """Fit the model. Returns the estimate of each effect, or a ``FitError`` if the effect cannot be estimated."""
+) -> EstimateByEffect:
+    """Fit the model. Returns the estimate of each effect, or a ``ModelFitError`` if the effect cannot be estimated."""
     if len({each.value for each in observed}) < 2:
         return dict.fromkeys(
-            requested_effects, FitError("all values are equal" if observed else "there are no values")
+            requested_effects, ModelFitError("all values are equal" if observed else "there are no values")
         )
     observed, _ = drop_constant_groups(model, observed)
     if not observed:
         return dict.fromkeys(
             requested_effects,
-            FitError("each task, or each robot, has all its values at one end of the scale"),
+            ModelFitError("each task, or each robot, has all its values at one end of the scale"),
         )
     try:
         names = design_matrix(design, observed)
         fitted = fit_model(model, observed, names)
-    except FitError as error:
+    except ModelFitError as error:
         return dict.fromkeys(requested_effects, error)
     return {effect: _estimate(fitted, names, effect) for effect in requested_effects}
 
 
-def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> Estimate | FitError:
+def _estimate(fitted: FittedModel, names: DesignMatrix, effect: Effect) -> EffectEstimate | ModelFitError:
     try:
         found = fitted.estimate(names.contrast(effect))
-    except FitError as error:
+    except ModelFitError as error:
         return error
     own = f"participant by {RANDOM_EFFECT_BY_KIND.get(effect.kind)}"
-    return replace(found, note=f"{found.note}; {UNRELIABLE_NOTE}") if own in found.note else found
+    return replace(found, note=f"{found.note}; {UNRELIABLE_P_NOTE}") if own in found.note else found
 
 
 def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -> FittedModel:
-    """Returns a fitted model with participants as clusters. Raises ``FitError`` if it cannot be estimated."""
+    """Returns a fitted model with participants as clusters. Raises ``ModelFitError`` if it cannot be estimated."""
     participants = [each.participant for each in observed]
     if len(set(participants)) < MIN_PARTICIPANTS:
-        raise FitError(f"fewer than {MIN_PARTICIPANTS} participants")
+        raise ModelFitError(f"fewer than {MIN_PARTICIPANTS} participants")
     values = [each.value for each in observed]
-    if model != MIXED:
-        return fit_ordinal(values, names.matrix, participants)
+    if model != MIXED_MODEL:
+        return fit_ordinal_model(values, names.matrix, participants)
     design = np.hstack([np.ones((len(values), 1)), names.matrix])
-    together = random_effects(observed)
-    fitted = fit_mixed(values, design, participants, list(together.values()))
-    return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.zero_variances]))
+    together = random_effect_labels(observed)
+    fitted = fit_mixed_model(values, design, participants, list(together.values()))
+    return _WithConstant(fitted, _singular([list(together)[place] for place in fitted.zero_variance_indices]))
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
@@ -112,11 +119,11 @@ class _WithConstant:
     def __init__(self, fitted: FittedModel, note: str) -> None:
         self._fitted, self._note = fitted, note
 
-    def estimate(self, contrast: FloatArray) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> EffectEstimate:
         return replace(self._fitted.estimate(np.concatenate([[0.0], contrast])), note=self._note)
 
 
-def random_effects(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
+def random_effect_labels(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
     """Returns the labels (n,) by random effect: participant, and participant by policy, by robot and by task.
 
     A random effect is omitted if its labels are equal to the participants, or if each value has a different label.

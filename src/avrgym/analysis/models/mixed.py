@@ -14,55 +14,57 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.analysis.models.estimate import EffectEstimate, ModelFitError
 from avrgym.array_types import FloatArray
 
 MAX_ITERATIONS = 30
 MAX_STEP_HALVINGS = 8
-TOLERANCE = 1e-10
-MAX_SINGULAR_SHARE = 1e-8
+CONVERGENCE_TOLERANCE = 1e-10
+MAX_SINGULAR_VARIANCE_SHARE = 1e-8
 """A random-effect variance is considered zero if it is at most this share of the residual variance."""
-NOT_CONVERGED = "variance between participants cannot be separated from variance within participants"
+NOT_CONVERGED_TEXT = "variance between participants cannot be separated from variance within participants"
 
 
 @dataclass(frozen=True, eq=False)
-class MixedFit:
+class MixedModelFit:
     """Fitted linear mixed model: coefficients (p,), variance components (v,), and covariances.
 
     ``variances``: one for each random effect, then the residual variance. ``covariance`` (p, p): covariance of the
     coefficients, without the uncertainty of the variances; ``adjusted`` (p, p) includes it. ``covariance_derivatives``
-    (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_covariance`` (v, v): covariance
-    of the estimated variances.
+    (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_components_covariance`` (v, v):
+    covariance of the estimated variances.
     """
 
     coefficients: FloatArray
-    variances: FloatArray
-    covariance: FloatArray
-    adjusted: FloatArray
+    variance_components: FloatArray
+    coefficient_covariance: FloatArray
+    adjusted_covariance: FloatArray
     covariance_derivatives: FloatArray
-    variance_covariance: FloatArray
+    variance_components_covariance: FloatArray
 
     @property
-    def zero_variances(self) -> list[int]:
+    def zero_variance_indices(self) -> list[int]:
         """Returns the indices of random effects with zero or negative variance.
 
         With such an effect, the fit is singular.
         """
-        *groups, single = self.variances.tolist()
+        *groups, single = self.variance_components.tolist()
         return [
-            place for place, variance in enumerate(groups) if variance <= MAX_SINGULAR_SHARE * abs(single)
+            place
+            for place, variance in enumerate(groups)
+            if variance <= MAX_SINGULAR_VARIANCE_SHARE * abs(single)
         ]
 
-    def estimate(self, contrast: FloatArray) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> EffectEstimate:
         """Returns the estimate of a contrast (p,), by Student's t."""
-        plain = float(contrast @ self.covariance @ contrast)
+        plain = float(contrast @ self.coefficient_covariance @ contrast)
         gradient = np.einsum("i,vij,j->v", contrast, self.covariance_derivatives, contrast)
-        spread = float(gradient @ self.variance_covariance @ gradient)
+        spread = float(gradient @ self.variance_components_covariance @ gradient)
         if not spread > 0.0:
-            raise FitError(NOT_CONVERGED)
+            raise ModelFitError(NOT_CONVERGED_TEXT)
         value = float(contrast @ self.coefficients)
-        return Estimate.from_variance(
-            value, float(contrast @ self.adjusted @ contrast), 2.0 * plain**2 / spread
+        return EffectEstimate.from_variance(
+            value, float(contrast @ self.adjusted_covariance @ contrast), 2.0 * plain**2 / spread
         )
 
 
@@ -88,9 +90,9 @@ class _State:
     pairs: FloatArray
 
 
-def fit_mixed(
+def fit_mixed_model(
     values: ArrayLike, design_matrix: FloatArray, clusters: ArrayLike, groupings: Sequence[ArrayLike]
-) -> MixedFit:
+) -> MixedModelFit:
     """Returns a linear mixed model, fitted to values (n,).
 
     Args:
@@ -105,9 +107,9 @@ def fit_mixed(
     """
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:
-        raise FitError("all values are equal")
+        raise ModelFitError("all values are equal")
     if np.linalg.matrix_rank(design_matrix) < design_matrix.shape[1] or len(given) <= design_matrix.shape[1]:
-        raise FitError(
+        raise ModelFitError(
             "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values"
         )
     scale = float(given.std())
@@ -118,7 +120,7 @@ def fit_mixed(
     middle = np.einsum("ab,abij->ij", variance_covariance, bend)
     adjusted = state.covariance + 2.0 * state.covariance @ middle @ state.covariance
     covariance_derivatives = state.covariance @ state.singles @ state.covariance
-    return MixedFit(
+    return MixedModelFit(
         scale * state.coefficients,
         scale**2 * variances,
         scale**2 * state.covariance,
@@ -155,10 +157,10 @@ def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_Sta
         if state is None:
             break
         step = _inverse(state.information) @ state.score
-        if state.score @ step < TOLERANCE:
+        if state.score @ step < CONVERGENCE_TOLERANCE:
             return state, variances
         variances, state = _take_step(clusters, variances, state, step)
-    raise FitError(NOT_CONVERGED)
+    raise ModelFitError(NOT_CONVERGED_TEXT)
 
 
 def _take_step(
@@ -236,4 +238,4 @@ def _inverse(matrix: FloatArray) -> FloatArray:
     try:
         return np.linalg.inv(matrix)
     except np.linalg.LinAlgError as error:
-        raise FitError(NOT_CONVERGED) from error
+        raise ModelFitError(NOT_CONVERGED_TEXT) from error

@@ -5,30 +5,30 @@ from dataclasses import dataclass, replace
 from math import exp
 from typing import Annotated
 
-from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at_moment
 from avrgym.analysis.columns import (
     AT_LEAST_0,
     SHARE,
-    Family,
+    FamilyName,
     GroupA,
     GroupB,
+    HolmCorrectedP,
     IsSimulated,
     Note,
-    PHolm,
     PlanStatus,
-    PPrimary,
+    PrimaryCorrectedP,
     PValue,
-    Quantity,
-    Role,
-    Stars,
+    QuantityName,
+    ResultRole,
+    SignificanceStars,
 )
-from avrgym.analysis.models.effects import EFFECTS, Effect, TrialValue, effects
-from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.analysis.models.effects import EFFECT_KINDS, Effect, TrialValue, effects_of_interest
+from avrgym.analysis.models.estimate import EffectEstimate, ModelFitError
 from avrgym.analysis.models.fitting import (
-    LOGISTIC,
-    MIXED,
-    ORDINAL,
-    EffectEstimates,
+    LOGISTIC_MODEL,
+    MIXED_MODEL,
+    ORDINAL_MODEL,
+    EstimateByEffect,
     drop_constant_groups,
     estimate_effects,
 )
@@ -40,8 +40,8 @@ from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import CONFIRMATORY, EXPLORATORY, Plan
 from avrgym.system.columns import Column
 
-NO_ESTIMATE = "the effect could not be estimated"
-NO_ODDS_RATIO = f"{NO_ESTIMATE}, or the model is mixed"
+NO_ESTIMATE_TEXT = "the effect could not be estimated"
+NO_ODDS_RATIO_TEXT = f"{NO_ESTIMATE_TEXT}, or the model is mixed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,59 +50,61 @@ class ModelRow:
 
     simulated: IsSimulated
     questionnaire: Annotated[str, Column("Questionnaire of the quantity.", empty="success and reward")] = ""
-    family: Family
-    quantity: Quantity
+    family: FamilyName
+    quantity: QuantityName
     model: Annotated[str, Column("Kind of model.", allowed="ordinal, logistic, mixed")]
-    effect: Annotated[str, Column("Kind of effect.", allowed=", ".join(EFFECTS))]
+    effect: Annotated[str, Column("Kind of effect.", allowed=", ".join(EFFECT_KINDS))]
     group_a: GroupA
     group_b: GroupB
     participants: Annotated[int, Column("Number of participants with values.", allowed=AT_LEAST_0)]
     values: Annotated[int, Column("Number of trials with values.", allowed=AT_LEAST_0)]
     estimate: Annotated[
         float | None,
-        Column("Estimate: log odds ratio; of mixed models in the unit of the quantity.", empty=NO_ESTIMATE),
+        Column(
+            "Estimate: log odds ratio; of mixed models in the unit of the quantity.", empty=NO_ESTIMATE_TEXT
+        ),
     ] = None
-    error: Annotated[float | None, Column("Standard error.", "", "1", AT_LEAST_0, NO_ESTIMATE)] = None
+    error: Annotated[float | None, Column("Standard error.", "", "1", AT_LEAST_0, NO_ESTIMATE_TEXT)] = None
     df: Annotated[
-        float | None, Column("Degrees of freedom of Student's t.", "", "1", AT_LEAST_0, NO_ESTIMATE)
+        float | None, Column("Degrees of freedom of Student's t.", "", "1", AT_LEAST_0, NO_ESTIMATE_TEXT)
     ] = None
     low: Annotated[
-        float | None, Column("Lower bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
+        float | None, Column("Lower bound of the 95 % confidence interval.", empty=NO_ESTIMATE_TEXT)
     ] = None
     high: Annotated[
-        float | None, Column("Upper bound of the 95 % confidence interval.", empty=NO_ESTIMATE)
+        float | None, Column("Upper bound of the 95 % confidence interval.", empty=NO_ESTIMATE_TEXT)
     ] = None
     odds_ratio: Annotated[
-        float | None, Column("Odds ratio: exp(estimate).", "", "1", AT_LEAST_0, NO_ODDS_RATIO)
+        float | None, Column("Odds ratio: exp(estimate).", "", "1", AT_LEAST_0, NO_ODDS_RATIO_TEXT)
     ] = None
     odds_ratio_low: Annotated[
         float | None,
-        Column("Lower bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO),
+        Column("Lower bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO_TEXT),
     ] = None
     odds_ratio_high: Annotated[
         float | None,
-        Column("Upper bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO),
+        Column("Upper bound of its 95 % confidence interval.", "", "1", AT_LEAST_0, NO_ODDS_RATIO_TEXT),
     ] = None
     p: PValue = None
-    p_holm: PHolm = None
-    p_primary: PPrimary = None
-    stars: Stars = ""
+    p_holm: HolmCorrectedP = None
+    p_primary: PrimaryCorrectedP = None
+    stars: SignificanceStars = ""
     leave_one_out: Annotated[
         int, Column("Number of leave-one-participant-out models that could be fitted.", allowed=AT_LEAST_0)
     ] = 0
-    leave_one_out_min: Annotated[float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE)] = (
-        None
-    )
-    leave_one_out_max: Annotated[float | None, Column("Largest of their estimates.", empty=NO_ESTIMATE)] = (
-        None
-    )
+    leave_one_out_min: Annotated[
+        float | None, Column("Smallest of their estimates.", empty=NO_ESTIMATE_TEXT)
+    ] = None
+    leave_one_out_max: Annotated[
+        float | None, Column("Largest of their estimates.", empty=NO_ESTIMATE_TEXT)
+    ] = None
     leave_one_out_p_min: Annotated[
-        float | None, Column("Smallest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
+        float | None, Column("Smallest of their p values.", allowed=SHARE, empty=NO_ESTIMATE_TEXT)
     ] = None
     leave_one_out_p_max: Annotated[
-        float | None, Column("Largest of their p values.", allowed=SHARE, empty=NO_ESTIMATE)
+        float | None, Column("Largest of their p values.", allowed=SHARE, empty=NO_ESTIMATE_TEXT)
     ] = None
-    role: Role = ""
+    role: ResultRole = ""
     plan_status: PlanStatus = ""
     note: Note = ""
 
@@ -110,7 +112,7 @@ class ModelRow:
 MAX_ORDINAL_POINTS = 11
 """Maximum number of scale points for an ordinal model. Answers on longer scales have a mixed model."""
 SUCCESS, REWARD = "success", "reward"
-ANSWERS, SCORES, TRIALS = "answers", "scores", "trials"
+ANSWERS_TABLE, SCORES_TABLE, TRIALS_TABLE = "answers", "scores", "trials"
 """Names of the tables with the values of a model group."""
 TrialKey = tuple[str, int]
 """Key of a trial: (pseudonym of the participant, position of the trial)."""
@@ -125,26 +127,32 @@ class ModelGroup:
     """
 
     name: str
-    models: Mapping[str, str]
-    rows: str
+    model_by_quantity: Mapping[str, str]
+    table_name: str
     questionnaire: str = ""
 
-    def family(self, kind: str) -> str:
+    def family_name(self, kind: str) -> str:
         """Returns the name of the family of tests of one kind of effect. Tests of a family are corrected together."""
         return f"{kind}, {self.name}"
 
 
 def model_groups(design: Design) -> Iterator[ModelGroup]:
     """Yields the model groups of a study design: answers, scores, then success and reward."""
-    rated = questionnaires_at(design, AFTER_TRIAL)
+    rated = questionnaires_at_moment(design, AFTER_TRIAL)
     for questionnaire in rated:
         models = {item.id: _model_of_item(item) for item in questionnaire.items}
-        yield ModelGroup(_name_of_group(questionnaire, len(rated) > 1), models, ANSWERS, questionnaire.name)
+        yield ModelGroup(
+            _name_of_group(questionnaire, len(rated) > 1), models, ANSWERS_TABLE, questionnaire.name
+        )
     for questionnaire in rated:
         if questionnaire.instrument is not None:
-            scales = dict.fromkeys(questionnaire.instrument.scale_names, MIXED)
-            yield ModelGroup(f"models of scores of {questionnaire.name}", scales, SCORES, questionnaire.name)
-    yield ModelGroup("models of success and reward", {SUCCESS: LOGISTIC, REWARD: MIXED}, TRIALS)
+            scales = dict.fromkeys(questionnaire.instrument.scale_names, MIXED_MODEL)
+            yield ModelGroup(
+                f"models of scores of {questionnaire.name}", scales, SCORES_TABLE, questionnaire.name
+            )
+    yield ModelGroup(
+        "models of success and reward", {SUCCESS: LOGISTIC_MODEL, REWARD: MIXED_MODEL}, TRIALS_TABLE
+    )
 
 
 def _name_of_group(questionnaire: Questionnaire, several: bool) -> str:
@@ -152,16 +160,16 @@ def _name_of_group(questionnaire: Questionnaire, several: bool) -> str:
 
 
 def _model_of_item(item: Item) -> str:
-    return ORDINAL if item.points <= MAX_ORDINAL_POINTS else MIXED
+    return ORDINAL_MODEL if item.points <= MAX_ORDINAL_POINTS else MIXED_MODEL
 
 
 def model_tests(design: Design) -> dict[str, tuple[str, ...]]:
     """Returns the quantities by test family, for all regression models. A plan can contain these families."""
-    kinds = {effect.kind for effect in effects(design)}
+    kinds = {effect.kind for effect in effects_of_interest(design)}
     return {
-        source.family(kind): tuple(source.models)
+        source.family_name(kind): tuple(source.model_by_quantity)
         for source in model_groups(design)
-        for kind in EFFECTS
+        for kind in EFFECT_KINDS
         if kind in kinds
     }
 
@@ -174,7 +182,7 @@ def trial_values(
         (row.participant, row.position) for row in data.trials if row.counted and row.simulated is simulated
     }
     course = trial_positions(design, data.attempts)
-    found: dict[str, list[TrialValue]] = {quantity: [] for quantity in source.models}
+    found: dict[str, list[TrialValue]] = {quantity: [] for quantity in source.model_by_quantity}
     for quantity, key, value in _values(data, source):
         if quantity in found and key in counted and key in course:
             found[quantity].append(replace(course[key], value=value))
@@ -183,11 +191,11 @@ def trial_values(
 
 def _values(data: StudyData, source: ModelGroup) -> Iterator[tuple[str, TrialKey, float]]:
     """Yields (quantity, trial key, value) for each value in the table of the model group."""
-    if source.rows == ANSWERS:
+    if source.table_name == ANSWERS_TABLE:
         for row in data.answers:
             if row.counted and row.position is not None and row.questionnaire == source.questionnaire:
                 yield row.item, (row.participant, row.position), float(row.value)
-    elif source.rows == SCORES:
+    elif source.table_name == SCORES_TABLE:
         for row in data.scores:
             about = row.counted and row.position is not None and row.questionnaire == source.questionnaire
             if about and row.score is not None and row.position is not None:
@@ -230,11 +238,11 @@ def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> lis
     rows: list[ModelRow] = []
     for simulated in sorted({row.simulated for row in data.trials if row.counted}):
         for source in model_groups(design):
-            rows += group_rows(design, source, simulated, trial_values(design, data, simulated, source))
+            rows += model_group_rows(design, source, simulated, trial_values(design, data, simulated, source))
     return [replace(row, plan_status=_label(plan, row)) for row in rows]
 
 
-def group_rows(
+def model_group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
     """Returns a row for each effect on the quantities of a model group, sorted by kind of effect.
@@ -243,7 +251,7 @@ def group_rows(
     """
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
-    for kind in EFFECTS:
+    for kind in EFFECT_KINDS:
         own = [row for row in found if row.effect == kind]
         adjusted = holm_correction([row.p for row in own])
         rows += [replace(row, p_holm=p) for row, p in zip(own, adjusted, strict=True)]
@@ -254,7 +262,7 @@ def _quantity_rows(
     design: Design, source: ModelGroup, simulated: bool, quantity: str, observed: Sequence[TrialValue]
 ) -> Iterator[ModelRow]:
     """Yields a row for each effect in the model of one quantity."""
-    model, wanted = source.models[quantity], effects(design)
+    model, wanted = source.model_by_quantity[quantity], effects_of_interest(design)
     kept, left_out = drop_constant_groups(model, observed)
     found, without = (
         estimate_effects(design, model, observed, wanted),
@@ -265,7 +273,7 @@ def _quantity_rows(
         row = ModelRow(
             simulated=simulated,
             questionnaire=source.questionnaire,
-            family=source.family(effect.kind),
+            family=source.family_name(effect.kind),
             quantity=quantity,
             model=model,
             effect=effect.kind,
@@ -275,7 +283,7 @@ def _quantity_rows(
             values=len(kept),
             note=left_out,
         )
-        if isinstance(estimate, FitError):
+        if isinstance(estimate, ModelFitError):
             yield replace(row, note="; ".join(filter(None, (str(estimate), left_out))))
         else:
             yield _with_leave_one_out(_estimated(row, estimate), [each[effect] for each in without])
@@ -283,7 +291,7 @@ def _quantity_rows(
 
 def _leave_one_out(
     design: Design, model: str, observed: Sequence[TrialValue], wanted: Sequence[Effect]
-) -> list[EffectEstimates]:
+) -> list[EstimateByEffect]:
     """Returns the estimates of the effects from each leave-one-participant-out model."""
     people = dict.fromkeys(each.participant for each in observed)
     return [
@@ -292,28 +300,28 @@ def _leave_one_out(
     ]
 
 
-def _estimated(row: ModelRow, found: Estimate) -> ModelRow:
+def _estimated(row: ModelRow, found: EffectEstimate) -> ModelRow:
     note = "; ".join(filter(None, (found.note, row.note)))
     row = replace(
         row,
         estimate=found.value,
-        error=found.error,
+        error=found.standard_error,
         df=found.df,
-        low=found.low,
-        high=found.high,
+        low=found.ci_low,
+        high=found.ci_high,
         p=found.p,
         note=note,
     )
-    if row.model == MIXED:
+    if row.model == MIXED_MODEL:
         return row
     return replace(
-        row, odds_ratio=exp(found.value), odds_ratio_low=exp(found.low), odds_ratio_high=exp(found.high)
+        row, odds_ratio=exp(found.value), odds_ratio_low=exp(found.ci_low), odds_ratio_high=exp(found.ci_high)
     )
 
 
-def _with_leave_one_out(row: ModelRow, without: Sequence[Estimate | FitError]) -> ModelRow:
+def _with_leave_one_out(row: ModelRow, without: Sequence[EffectEstimate | ModelFitError]) -> ModelRow:
     """Returns the row with minimum and maximum of estimate and p over the leave-one-participant-out models."""
-    fitted = [each for each in without if isinstance(each, Estimate)]
+    fitted = [each for each in without if isinstance(each, EffectEstimate)]
     if not fitted:
         return row
     values, probabilities = [each.value for each in fitted], [each.p for each in fitted]

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from avrgym.analysis.models.estimate import Estimate, FitError
+from avrgym.analysis.models.estimate import EffectEstimate, ModelFitError
 from avrgym.array_types import FloatArray, IntArray
 
 MAX_ITERATIONS = 60
-TOLERANCE = 1e-12
-NOT_IDENTIFIED = "not all effects are identifiable from the values"
+CONVERGENCE_TOLERANCE = 1e-12
+NOT_IDENTIFIED_TEXT = "not all effects are identifiable from the values"
 MAX_LOG_ODDS = 12.0
 """Effects above this limit (in log odds) are considered unbounded: the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
@@ -26,7 +26,7 @@ UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class OrdinalFit:
+class OrdinalModelFit:
     """Fitted proportional odds model.
 
     ``thresholds`` (k,): between categories. ``coefficients`` (p,), ``covariance`` (p, p): coefficients and their
@@ -35,18 +35,20 @@ class OrdinalFit:
 
     thresholds: FloatArray
     coefficients: FloatArray
-    covariance: FloatArray
-    clusters: int
+    coefficient_covariance: FloatArray
+    cluster_count: int
 
-    def estimate(self, contrast: FloatArray) -> Estimate:
+    def estimate(self, contrast: FloatArray) -> EffectEstimate:
         """Returns the estimate of a contrast (p,) in log odds. Student's t has (clusters − 1) degrees of freedom."""
-        variance = float(contrast @ self.covariance @ contrast)
-        return Estimate.from_variance(float(contrast @ self.coefficients), variance, self.clusters - 1)
+        variance = float(contrast @ self.coefficient_covariance @ contrast)
+        return EffectEstimate.from_variance(
+            float(contrast @ self.coefficients), variance, self.cluster_count - 1
+        )
 
 
-def fit_ordinal(
+def fit_ordinal_model(
     values: ArrayLike, design: FloatArray, clusters: ArrayLike, correction: float = KAUERMANN_CARROLL
-) -> OrdinalFit:
+) -> OrdinalModelFit:
     """Returns a proportional odds model, fitted to answers (n,).
 
     Args:
@@ -60,7 +62,7 @@ def fit_ordinal(
     """
     levels, answered = np.unique(np.asarray(values), return_inverse=True)
     if len(levels) < 2:
-        raise FitError("all values are equal")
+        raise ModelFitError("all values are equal")
     thresholds = len(levels) - 1
     parameters = _most_likely(answered, design, thresholds)
     _, scores, information = _derivatives(parameters, answered, design, thresholds)
@@ -69,7 +71,7 @@ def fit_ordinal(
     covariance = clustered_covariance(
         of_cluster @ scores, np.einsum("cn,nij->cij", of_cluster, information), correction
     )[thresholds:, thresholds:]
-    return OrdinalFit(parameters[:thresholds], parameters[thresholds:], covariance, len(of_cluster))
+    return OrdinalModelFit(parameters[:thresholds], parameters[thresholds:], covariance, len(of_cluster))
 
 
 def clustered_covariance(scores: FloatArray, information: FloatArray, correction: float) -> FloatArray:
@@ -83,7 +85,7 @@ def clustered_covariance(scores: FloatArray, information: FloatArray, correction
     shares, axes = np.linalg.eigh(leverage)
     left = 1.0 - shares
     if correction and left.min() < 1e-9:
-        raise FitError("one participant alone determines an effect")
+        raise ModelFitError("one participant alone determines an effect")
     along: FloatArray = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
     corrected: FloatArray = np.einsum("cij,cj->ci", axes, along) @ root.T
     return corrected.T @ corrected
@@ -93,7 +95,7 @@ def _root_of_inverse(matrix: FloatArray) -> FloatArray:
     try:
         return np.linalg.cholesky(np.linalg.inv(matrix))
     except np.linalg.LinAlgError as error:
-        raise FitError(NOT_IDENTIFIED) from error
+        raise ModelFitError(NOT_IDENTIFIED_TEXT) from error
 
 
 def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> FloatArray:
@@ -104,7 +106,7 @@ def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> Flo
     for _ in range(MAX_ITERATIONS):
         score = scores.sum(axis=0)
         step = _solved(information.sum(axis=0), score)
-        if score @ step < TOLERANCE:
+        if score @ step < CONVERGENCE_TOLERANCE:
             return parameters
         tried = _derivatives(parameters + step, answered, design, thresholds)
         while tried[0] < likelihood and np.abs(step).max() > 1e-12:
@@ -113,7 +115,7 @@ def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> Flo
         parameters, (likelihood, scores, information) = parameters + step, tried
         if np.abs(parameters[thresholds:]).max(initial=0.0) > MAX_LOG_ODDS:
             break
-    raise FitError(
+    raise ModelFitError(
         "complete separation: all values of a group are at one end of the scale; its effect is unbounded"
     )
 
@@ -122,7 +124,7 @@ def _solved(information: FloatArray, score: FloatArray) -> FloatArray:
     try:
         return np.linalg.solve(information, score)
     except np.linalg.LinAlgError as error:
-        raise FitError(NOT_IDENTIFIED) from error
+        raise ModelFitError(NOT_IDENTIFIED_TEXT) from error
 
 
 def _derivatives(

@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from math import exp
 
-from avrgym.analysis.models.effects import EFFECTS, POLICIES
+from avrgym.analysis.models.effects import EFFECT_KINDS, POLICY_EFFECT
 from avrgym.analysis.models.models import ModelRow
-from avrgym.analysis.page.comparisons import p_primary_text
-from avrgym.analysis.page.elements import Markup, badge, join, number_text, p_text, table, tag
+from avrgym.analysis.page.comparisons import corrected_p_text
+from avrgym.analysis.page.elements import Markup, badge, join_markup, number_text, p_text, table, tag
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
 from avrgym.study.plan.plan import EXPLORATORY
 
-TITLES = {
+EFFECT_TITLES = {
     "policies": "Policies",
     "robots": "Robots",
     "learning": "Learning: position of the task in the session",
@@ -29,7 +29,7 @@ MODELS_NOTE = (
 def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
     """Returns the report section about the models of one group: policy effects first. Empty without models."""
     own = [row for row in models if row.simulated is simulated]
-    kinds = [kind for kind in EFFECTS if any(row.effect == kind for row in own)]
+    kinds = [kind for kind in EFFECT_KINDS if any(row.effect == kind for row in own)]
     head = tag("h3", "Regression models")
     reasons = {row.note for row in own if row.estimate is None}
     if not kinds:
@@ -37,16 +37,20 @@ def models_section(models: Sequence[ModelRow], simulated: bool) -> Markup:
     if len(reasons) == 1 and all(row.estimate is None for row in own):
         return tag("section", head, tag("p", f"No model was fitted: {reasons.pop()}."))
     shown = {kind: _kind(kind, [row for row in own if row.effect == kind], simulated) for kind in kinds}
-    others = [tag("details", tag("summary", TITLES[kind]), shown[kind]) for kind in kinds if kind != POLICIES]
+    others = [
+        tag("details", tag("summary", EFFECT_TITLES[kind]), shown[kind])
+        for kind in kinds
+        if kind != POLICY_EFFECT
+    ]
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
-    first = [shown[POLICIES]] if POLICIES in shown else []
+    first = [shown[POLICY_EFFECT]] if POLICY_EFFECT in shown else []
     return tag("section", head, *mark, tag("p", MODELS_NOTE), *first, *others)
 
 
 def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
     """Returns a table for each family of tests of one kind of effect."""
     families = dict.fromkeys(row.family for row in rows)
-    return join(
+    return join_markup(
         [_family([row for row in rows if row.family == family], kind, simulated) for family in families]
     )
 
@@ -54,10 +58,10 @@ def _kind(kind: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
 def _family(rows: Sequence[ModelRow], kind: str, simulated: bool) -> Markup:
     source, questionnaire = rows[0].family.removeprefix(f"{kind}, "), rows[0].questionnaire
     named = source if questionnaire in source else f"{source} to {questionnaire}"
-    return table_of_effects(f"{TITLES[kind]}; {named}", rows, simulated)
+    return effects_table(f"{EFFECT_TITLES[kind]}; {named}", rows, simulated)
 
 
-def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
+def effects_table(caption: str, rows: Sequence[ModelRow], simulated: bool) -> Markup:
     """Returns a table of effects. The columns corrected p, plan status and note are omitted if they are empty."""
     corrected = any(row.p_primary is not None for row in rows)
     planned, noted = any(row.plan_status != EXPLORATORY for row in rows), any(row.note for row in rows)
@@ -69,7 +73,7 @@ def table_of_effects(caption: str, rows: Sequence[ModelRow], simulated: bool) ->
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.participants, effect_text(row), p_text(row.p),
-            p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
+            p_text(row.p_holm), *([corrected_p_text(row.p_primary)] if corrected else []),
             _leave_one_out(row), _probabilities(row), row.role,
             *([row.plan_status] if planned else []), *([row.note] if noted else []),
         )
@@ -122,7 +126,7 @@ def _probabilities(row: ModelRow) -> str:
     return "–" if minimum is None else f"{p_text(minimum)} to {p_text(maximum)}"
 
 
-MODELS_METHOD = (
+MODELS_METHOD_TEXT = (
     "Regression models: ordinal answers have a proportional odds model, success a logistic regression. Both are "
     "fitted by generalised estimating equations with participants as clusters, with the covariance of Kauermann and "
     "Carroll for few clusters, and Student's t with one degree of freedom less than participants. Rewards, scores and "

@@ -11,12 +11,12 @@ from matplotlib.figure import Figure
 
 from avrgym.analysis.outcomes.outcomes import ObjectiveRow
 from avrgym.analysis.page.drawing import (
-    GROUP_WIDTH,
+    BAR_GROUP_WIDTH,
+    FIGURE_WIDTH_IN,
     LINE_COLOURS,
-    STYLE,
+    MATPLOTLIB_STYLE,
     TEXT_COLOUR,
-    WIDTH_IN,
-    Drawing,
+    ReportFigure,
     add_legend,
     finish_figure,
     label_x_ticks,
@@ -24,17 +24,17 @@ from avrgym.analysis.page.drawing import (
 from avrgym.study.design.design import Design
 
 TICK_SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-SIMULATION = "simulation"
+SIMULATION_LABEL = "simulation"
 """Label of simulation results in the legend."""
 
 
-def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> ReportFigure:
     """Returns a figure of the success rates of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
-def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> Drawing:
+def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> ReportFigure:
     """Returns a figure of the mean rewards of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
@@ -53,17 +53,17 @@ def _objective_figure(
     interval: str,
     mean: str,
     caption: str,
-) -> Drawing:
+) -> ReportFigure:
     columns = min(2, len(design.tasks))
     lines = -(-len(design.tasks) // columns)
     label = {"success": "success / %", "reward": "mean reward"}[kind]
-    with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(WIDTH_IN, 0.6 + 2.1 * lines), layout="constrained")
+    with matplotlib.rc_context(MATPLOTLIB_STYLE):
+        figure = Figure(figsize=(FIGURE_WIDTH_IN, 0.6 + 2.1 * lines), layout="constrained")
         for place, task in enumerate(design.tasks):
             axes = figure.add_subplot(lines, columns, place + 1)
             own = [row for row in rows if (row.simulated, row.task) == (simulated, task)]
             _conditions(axes, design, own, interval, mean)
-            label_x_ticks(axes, design.robots, 0.8 * WIDTH_IN / columns)
+            label_x_ticks(axes, design.robots, 0.8 * FIGURE_WIDTH_IN / columns)
             axes.set(title=task, xlabel="robot", ylabel=label)
             if interval == "success":
                 axes.set_ylim(0.0, 1.05)
@@ -73,7 +73,7 @@ def _objective_figure(
 
 
 def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interval: str, mean: str) -> None:
-    width = GROUP_WIDTH / len(design.policies)
+    width = BAR_GROUP_WIDTH / len(design.policies)
     for row in rows:
         policy = design.policies.index(row.policy)
         x = design.robots.index(row.robot) + width * (policy - (len(design.policies) - 1) / 2)
@@ -83,7 +83,7 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
             _interval(axes, x - 0.12 * width, row, interval, "")
         if getattr(row, f"simulation_{mean}") is not None:
             value = getattr(row, f"simulation_{mean}")
-            label = f"{SIMULATION}: {row.simulation_note}" if row.simulation_note else SIMULATION
+            label = f"{SIMULATION_LABEL}: {row.simulation_note}" if row.simulation_note else SIMULATION_LABEL
             axes.plot(x + 0.2 * width, value, "D", color=TEXT_COLOUR, markersize=4, label=label)
             _interval(axes, x + 0.2 * width, row, interval, "simulation_")
     axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.6)

@@ -7,18 +7,18 @@ from statistics import fmean, stdev
 from typing import Annotated
 
 from avrgym.analysis.columns import AT_LEAST_0, SHARE, IsSimulated, PolicyName, RobotName, TaskName
-from avrgym.analysis.reading.rows import ALL, TrialRow
+from avrgym.analysis.reading.rows import ALL_LABEL, TrialRow
 from avrgym.analysis.statistics.comparisons import (
-    PARTICIPANT,
-    Family,
-    Question,
-    UnitKey,
+    PARTICIPANT_UNIT,
+    AnalysisUnitKey,
+    ComparisonFamily,
+    ResearchQuestion,
     compare_policies,
-    corrected_family,
+    holm_corrected_family,
 )
 from avrgym.analysis.statistics.tests import clustered_wilson_interval, t_interval
 from avrgym.learning.evaluation import wilson_interval
-from avrgym.policies.trained import FILE_SUFFIX, Policy, PolicyError, find_policy, packaged_policies
+from avrgym.policies.trained import POLICY_FILE_SUFFIX, Policy, PolicyError, packaged_policies, policy_path
 from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 from avrgym.system.columns import Column
@@ -31,7 +31,7 @@ _NO_REWARDS = f"{_NOT_SIMULATED}, or all rewards are equal"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outcome:
+class ConditionOutcome:
     """Results of the analysed trials in one condition.
 
     The rewards of different tasks are not comparable. Results over all tasks therefore have no reward.
@@ -103,7 +103,7 @@ class SimulationResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectiveRow(SimulationResult, Outcome):
+class ObjectiveRow(SimulationResult, ConditionOutcome):
     """Results of the analysed trials in one condition, and results of the same policy in simulation."""
 
 
@@ -126,24 +126,28 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
             rows.append(_condition(own, simulated, task, robot, policy, measured))
         for robot, policy in product(design.robots, design.policies):
             by_task = [beside[task, robot, policy] for task in design.tasks]
-            rows.append(_condition(own, simulated, ALL, robot, policy, _over_tasks(by_task)))
+            rows.append(_condition(own, simulated, ALL_LABEL, robot, policy, _over_tasks(by_task)))
     return rows
 
 
 def _condition(
     trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str, beside: SimulationResult
 ) -> ObjectiveRow:
-    return ObjectiveRow(**asdict(outcome(trials, simulated, task, robot, policy)), **asdict(beside))
+    return ObjectiveRow(**asdict(condition_outcome(trials, simulated, task, robot, policy)), **asdict(beside))
 
 
-def outcome(trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str) -> Outcome:
-    """Returns the results of one condition. ``trials``: analysed trials. Task ``ALL``: all tasks together."""
-    own = [row for row in trials if task in (row.task, ALL) and (row.robot, row.policy) == (robot, policy)]
-    rewards = [row.reward for row in own if row.reward is not None] if task != ALL else []
+def condition_outcome(
+    trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str
+) -> ConditionOutcome:
+    """Returns the results of one condition. ``trials``: analysed trials. Task ``ALL_LABEL``: all tasks together."""
+    own = [
+        row for row in trials if task in (row.task, ALL_LABEL) and (row.robot, row.policy) == (robot, policy)
+    ]
+    rewards = [row.reward for row in own if row.reward is not None] if task != ALL_LABEL else []
     successes = sum(bool(row.success) for row in own)
     mean, low, high = mean_with_interval(rewards)
     success_low, success_high = clustered_wilson_interval(_by_participant(own)) if own else (None, None)
-    return Outcome(
+    return ConditionOutcome(
         simulated=simulated,
         task=task,
         robot=robot,
@@ -187,9 +191,9 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
     """
     try:
         source = store.policy_source(environment, policy)
-        if not source.endswith(FILE_SUFFIX) and source not in packaged_policies(environment):
+        if not source.endswith(POLICY_FILE_SUFFIX) and source not in packaged_policies(environment):
             return SimulationResult(simulation_note=f"{policy} is not a policy file with results")
-        metadata = Policy.load(find_policy(source, environment)).metadata
+        metadata = Policy.load(policy_path(source, environment)).metadata
     except PolicyError as error:
         return SimulationResult(simulation_note=str(error))
     numbers = ("episodes", "success_rate", "reward_mean", "reward_std")
@@ -239,8 +243,10 @@ def _as_measured(
     )
 
 
-OBJECTIVE = Question(
-    "policies, objective measures", table="Success, reward and force: tests of policies", primary=True
+OBJECTIVE_QUESTION = ResearchQuestion(
+    "policies, objective measures",
+    table_caption="Success, reward and force: tests of policies",
+    is_primary=True,
 )
 
 
@@ -248,7 +254,7 @@ def _success(row: TrialRow) -> float | None:
     return None if row.success is None else float(row.success)
 
 
-MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
+OBJECTIVE_MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "success": _success,
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
@@ -258,10 +264,14 @@ MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
     """Returns the quantities by test family, for objective measures; empty for a design with one policy."""
-    return {OBJECTIVE.family_name(PARTICIPANT): tuple(MEASURES)} if len(design.policies) > 1 else {}
+    return (
+        {OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT): tuple(OBJECTIVE_MEASURES)}
+        if len(design.policies) > 1
+        else {}
+    )
 
 
-def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]:
+def outcome_test_families(design: Design, trials: Sequence[TrialRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of objective measures between policies.
 
     Values are paired within participant × task × robot.
@@ -275,22 +285,22 @@ def outcome_families(design: Design, trials: Sequence[TrialRow]) -> list[Family]
     ]
 
 
-def _family(design: Design, simulated: bool, trials: Sequence[TrialRow]) -> Family:
+def _family(design: Design, simulated: bool, trials: Sequence[TrialRow]) -> ComparisonFamily:
     tests = [
         compare_policies(
             name,
             pair,
             (_measure_values(trials, pair[0], measure), _measure_values(trials, pair[1], measure)),
-            PARTICIPANT,
+            PARTICIPANT_UNIT,
         )
-        for pair, (name, measure) in product(combinations(design.policies, 2), MEASURES.items())
+        for pair, (name, measure) in product(combinations(design.policies, 2), OBJECTIVE_MEASURES.items())
     ]
-    return corrected_family(simulated, OBJECTIVE, PARTICIPANT, tests)
+    return holm_corrected_family(simulated, OBJECTIVE_QUESTION, PARTICIPANT_UNIT, tests)
 
 
 def _measure_values(
     trials: Sequence[TrialRow], policy: str, measure: Callable[[TrialRow], float | None]
-) -> dict[UnitKey, float]:
+) -> dict[AnalysisUnitKey, float]:
     return {
         (row.participant, row.task, row.robot): value
         for row in trials

@@ -8,8 +8,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow, Outcome
-from avrgym.analysis.reading.rows import ALL
+from avrgym.analysis.outcomes.outcomes import ConditionOutcome, ObjectiveRow
+from avrgym.analysis.reading.rows import ALL_LABEL
 from avrgym.analysis.tables import Table
 from avrgym.study.design.design import Design
 from avrgym.system import columns
@@ -17,14 +17,14 @@ from avrgym.system.columns import columns_of
 
 
 @dataclass(frozen=True)
-class Cell:
+class PaperTableCell:
     """A table cell: mean reward and success rate (0 to 1); ``None`` if unknown."""
 
-    reward: float | None
-    success: float | None
+    mean_reward: float | None
+    success_rate: float | None
 
 
-EMPTY_CELL = Cell(None, None)
+EMPTY_TABLE_CELL = PaperTableCell(None, None)
 
 
 @dataclass(frozen=True)
@@ -38,20 +38,23 @@ class PaperTable:
     caption: str
     simulated: bool
     columns: tuple[str, ...]
-    rows: dict[str, tuple[Cell, ...]]
+    rows: dict[str, tuple[PaperTableCell, ...]]
 
 
-def _in_vr(row: ObjectiveRow) -> Cell:
-    return Cell(row.reward_mean, row.success_rate)
+def _in_vr(row: ObjectiveRow) -> PaperTableCell:
+    return PaperTableCell(row.reward_mean, row.success_rate)
 
 
-def _in_simulation(row: ObjectiveRow) -> Cell:
-    return Cell(row.simulation_reward_mean, row.simulation_success_rate)
+def _in_simulation(row: ObjectiveRow) -> PaperTableCell:
+    return PaperTableCell(row.simulation_reward_mean, row.simulation_success_rate)
 
 
-TABLE_SIDES: Mapping[str, Callable[[ObjectiveRow], Cell]] = {"simulation": _in_simulation, "VR": _in_vr}
+TABLE_1_HALVES: Mapping[str, Callable[[ObjectiveRow], PaperTableCell]] = {
+    "simulation": _in_simulation,
+    "VR": _in_vr,
+}
 """Functions by name of the half of Table I. Each returns the cell of a condition."""
-TableColumn = tuple[str, str, Callable[[ObjectiveRow], Cell]]
+PaperTableColumn = tuple[str, str, Callable[[ObjectiveRow], PaperTableCell]]
 """A table column: robot, policy, and a function that returns the cell of a condition."""
 
 
@@ -65,9 +68,9 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
         for policy in design.policies:
             columns = {
                 f"{side} {robot}": (robot, policy, read)
-                for (side, read), robot in product(TABLE_SIDES.items(), design.robots)
+                for (side, read), robot in product(TABLE_1_HALVES.items(), design.robots)
                 if read is _in_vr
-                or any(read(own[task, robot, policy]) != EMPTY_CELL for task in design.tasks)
+                or any(read(own[task, robot, policy]) != EMPTY_TABLE_CELL for task in design.tasks)
             }
             where = "in simulation and in virtual reality"
             if len(columns) == len(design.robots):
@@ -86,16 +89,16 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 
 
 def _cells(
-    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[TableColumn]
-) -> dict[str, tuple[Cell, ...]]:
+    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[PaperTableColumn]
+) -> dict[str, tuple[PaperTableCell, ...]]:
     """Returns the cells by task, then over all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {
         task: tuple(read(rows[task, robot, policy]) for robot, policy, read in columns)
-        for task in (*design.tasks, ALL)
+        for task in (*design.tasks, ALL_LABEL)
     }
 
 
-def csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
+def paper_csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
     """Yields the tables in the form for CSV files: with separate columns for reward and success.
 
     Rows of people are first, then rows of simulated participants.
@@ -106,12 +109,16 @@ def csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
         values = [
             {"simulated": table.simulated, "task": task}
             | dict(
-                zip(heads, [value for cell in cells for value in (cell.reward, cell.success)], strict=True)
+                zip(
+                    heads,
+                    [value for cell in cells for value in (cell.mean_reward, cell.success_rate)],
+                    strict=True,
+                )
             )
             for table in own
             for task, cells in table.rows.items()
         ]
-        labels = {name: columns_of(Outcome)[name] for name in ("simulated", "task")}
+        labels = {name: columns_of(ConditionOutcome)[name] for name in ("simulated", "task")}
         yield Table(name, labels | {head: _described(head) for head in heads}, values)
 
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.outcomes.outcomes import OBJECTIVE, ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, ObjectiveRow
 from avrgym.analysis.outcomes.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.drawing import Drawings, inline_figures
+from avrgym.analysis.page.drawing import ReportFigures, inline_figures
 from avrgym.analysis.page.elements import (
     Markup,
     bullet_list,
@@ -17,7 +17,7 @@ from avrgym.analysis.page.elements import (
     table,
     tag,
 )
-from avrgym.analysis.reading.rows import ALL
+from avrgym.analysis.reading.rows import ALL_LABEL
 from avrgym.study.design.design import Design
 
 
@@ -25,7 +25,7 @@ def outcomes_section(
     design: Design,
     outcomes: Sequence[ObjectiveRow],
     simulated: bool,
-    drawings: Drawings,
+    drawings: ReportFigures,
     tests: TestTables,
 ) -> Markup:
     """Returns the report section: tables of the paper, figures, tables with confidence intervals, and tests."""
@@ -39,15 +39,15 @@ def outcomes_section(
         _remarks(rows),
         inline_figures(drawings, "success", "reward"),
         details("With 95 % intervals", _intervals(rows, simulated)),
-        tests.pop(OBJECTIVE.table, Markup()),
+        tests.pop(OBJECTIVE_QUESTION.table_caption, Markup()),
     )
 
 
 def _paper_table(shown: PaperTable) -> Markup:
     body = [
         (
-            "Success over all tasks" if task == ALL else task,
-            *(_reward(cell.reward, cell.success) for cell in cells),
+            "Success over all tasks" if task == ALL_LABEL else task,
+            *(_reward(cell.mean_reward, cell.success_rate) for cell in cells),
         )
         for task, cells in shown.rows.items()
     ]

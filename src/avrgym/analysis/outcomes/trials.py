@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from avrgym.analysis.page.elements import Markup, definition_list, number_text, table, tag
 from avrgym.analysis.page.line_charts import trial_charts
-from avrgym.analysis.reading.rows import AnswerRow, TermRow, TrialRow
+from avrgym.analysis.reading.rows import AnswerRow, RewardTermRow, TrialRow
 from avrgym.analysis.reading.study_data import StudyData
 
 
@@ -79,14 +79,14 @@ def _times(count: int | None) -> str:
 
 def _trial(observed: StudyData, row: TrialRow, study_link: str) -> Markup:
     key = (row.participant, row.position)
-    series = observed.series.get(key)
+    series = observed.trial_series.get(key)
     charts = (
-        trial_charts(series.times_s, series.steps, series.weights)
+        trial_charts(series.times_s, series.control_steps, series.reward_weights)
         if series
         else tag("p", f"No time series: the recording is {row.recorded}.")
     )
     answers = [each for each in observed.answers if (each.participant, each.position) == key and each.attempt]
-    terms = [each for each in observed.terms if (each.participant, each.position) == key]
+    terms = [each for each in observed.reward_terms if (each.participant, each.position) == key]
     parts = (_metrics(row), charts, _answers(answers), _terms(terms), _replay(row, study_link))
     return tag("details", _summary(row), tag("div", *parts, id=_id(row)))
 
@@ -126,7 +126,7 @@ def _ends(row: AnswerRow) -> str:
     return "" if row.minimum is None else f" ({row.minimum} to {row.maximum})"
 
 
-def _terms(rows: Sequence[TermRow]) -> Markup:
+def _terms(rows: Sequence[RewardTermRow]) -> Markup:
     shown = [row for row in rows if row.sum]
     given = ", ".join(f"{row.term} {number_text(row.weighted_sum)}" for row in shown)
     return tag(

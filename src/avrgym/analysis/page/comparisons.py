@@ -5,45 +5,45 @@ from collections.abc import Sequence
 from avrgym.analysis.page.elements import (
     Markup,
     details,
+    effect_size_text,
     group_caption,
-    interval_text,
     p_text,
     short_number,
     table,
     tag,
 )
-from avrgym.analysis.statistics.comparisons import TRIAL, ComparisonRow, Family
+from avrgym.analysis.statistics.comparisons import TRIAL_UNIT, ComparisonFamily, ComparisonRow
 from avrgym.analysis.statistics.tests import MANN_WHITNEY
 
 TestTables = dict[str, Markup]
 """Tables of tests, by caption. A report section that contains a table removes it from this dictionary."""
 
 
-def tables_of_tests(families: Sequence[Family], simulated: bool) -> TestTables:
+def tables_of_tests(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
     """Returns the tables of all tests of people (or of simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
-        caption: [row for family in own if family.question.table == caption for row in family.rows]
-        for caption in dict.fromkeys(family.question.table for family in own)
+        caption: [row for family in own if family.question.table_caption == caption for row in family.rows]
+        for caption in dict.fromkeys(family.question.table_caption for family in own)
     }
     return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
 
 
-def remaining_tests(tests: TestTables) -> Markup:
+def other_tests_section(tests: TestTables) -> Markup:
     """Returns a report section with all tables that are in no other section; empty if there are none."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
 def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
     """Returns a table of the tests by participant, and a folded supplementary table of the tests by trial."""
-    by_trial = [row for row in rows if row.unit == TRIAL]
-    by_participant = [row for row in rows if row.unit != TRIAL]
+    by_trial = [row for row in rows if row.unit == TRIAL_UNIT]
+    by_participant = [row for row in rows if row.unit != TRIAL_UNIT]
     main = _table_of_tests(caption, by_participant, simulated) if by_participant else Markup()
     supplement = _table_of_tests(f"{caption}, by trial", by_trial, simulated)
-    return Markup(main + details(TESTS_BY_TRIAL, supplement)) if by_trial else main
+    return Markup(main + details(TESTS_BY_TRIAL_TEXT, supplement)) if by_trial else main
 
 
-TESTS_BY_TRIAL = (
+TESTS_BY_TRIAL_TEXT = (
     "Supplement: the paper's tests by trial. Trials of one participant are not independent; p is too small if "
     "participants differ"
 )
@@ -59,10 +59,10 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
     body = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
-            n_text(row),
+            sample_size_text(row),
             f"{short_number(row.median_a)} / {short_number(row.median_b)}",
-            p_text(row.p), p_text(row.p_holm), *([p_primary_text(row.p_primary)] if corrected else []),
-            interval_text(row.effect, row.effect_low, row.effect_high),
+            p_text(row.p), p_text(row.p_holm), *([corrected_p_text(row.p_primary)] if corrected else []),
+            effect_size_text(row.effect, row.effect_low, row.effect_high),
             f"{row.test}, {row.note or row.method}", row.role, *([row.plan_status] if planned else []),
         )
         for row in rows
@@ -70,12 +70,12 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
     return table(group_caption(caption, simulated), heads, body, numbers=range(3, 9 if corrected else 8))
 
 
-def p_primary_text(p_primary: float | None) -> str:
+def corrected_p_text(p_primary: float | None) -> str:
     """Returns the corrected p of a primary result as text; a dash for ``None`` (other results)."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
-def n_text(row: ComparisonRow) -> str:
+def sample_size_text(row: ComparisonRow) -> str:
     """Returns the sample size as text.
 
     Unpaired groups: the size of each group. Pairs: the number of differences, and the number of omitted zero
@@ -86,7 +86,7 @@ def n_text(row: ComparisonRow) -> str:
     return f"{row.n} + {row.zeros} zero" if row.zeros else str(row.n)
 
 
-def p_primary_and_stars(row: ComparisonRow) -> str:
+def corrected_p_with_stars(row: ComparisonRow) -> str:
     """Returns corrected p and significance stars as text for a figure."""
     if row.p_primary is None:
         return "no test"

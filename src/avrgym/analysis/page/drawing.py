@@ -20,7 +20,7 @@ from avrgym.analysis.page.elements import Markup, figure, tag
 
 TEXT_COLOUR, BACKGROUND_COLOUR, LINE_COLOUR, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
 LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
-TEXT_ON_DARK, TEXT_ON_LIGHT = "#fffffe", "#1c2025"
+TEXT_ON_DARK_COLOUR, TEXT_ON_LIGHT_COLOUR = "#fffffe", "#1c2025"
 """Text colours on dark and on light bars. They are equal in light mode and in dark mode."""
 _IN_PAGE = {
     TEXT_COLOUR: "currentColor",
@@ -29,12 +29,12 @@ _IN_PAGE = {
     WARNING: "var(--warning)",
 } | {colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)}
 """CSS colours for a page, by the file colour that they replace."""
-WIDTH_IN = 5.0
+FIGURE_WIDTH_IN = 5.0
 CHARACTER_WIDTH_IN = 0.066
 """Estimated width of a character in tick labels, legends and item texts; slightly above the mean width."""
-GROUP_WIDTH = 0.8
+BAR_GROUP_WIDTH = 0.8
 """Width of a group of bars, divided by the distance between group centres."""
-STYLE: Any = {
+MATPLOTLIB_STYLE: Any = {
     "svg.fonttype": "none",
     "svg.hashsalt": "avrgym",
     "pdf.fonttype": 42,
@@ -58,7 +58,7 @@ STYLE: Any = {
 }
 
 
-class Drawing:
+class ReportFigure:
     """A Matplotlib figure with file name and caption. SVG files contain text as text. PDF files contain the fonts."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
@@ -66,20 +66,20 @@ class Drawing:
         self.name, self.caption, self.figure = name, caption, figure
         self._svg = self._saved("svg", Creator=None, Date=None, Format=None, Type=None)
 
-    def svg(self) -> bytes:
+    def to_svg(self) -> bytes:
         """Returns the contents of the SVG file, in colours for a white background."""
         return self._svg
 
-    def pdf(self) -> bytes:
+    def to_pdf(self) -> bytes:
         """Returns the contents of the PDF file. They contain no date; the bytes of equal figures are equal."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
         """Write the figure as SVG and as PDF into a folder."""
-        (folder / f"{self.name}.svg").write_bytes(self.svg())
-        (folder / f"{self.name}.pdf").write_bytes(self.pdf())
+        (folder / f"{self.name}.svg").write_bytes(self.to_svg())
+        (folder / f"{self.name}.pdf").write_bytes(self.to_pdf())
 
-    def inline(self) -> Markup:
+    def to_inline_svg(self) -> Markup:
         """Returns an SVG element for a page, with unique ids, page colours, and a caption for screen readers."""
         svg = self._svg.decode()
         svg = re.sub(r'( id="|url\(#|href="#)', rf"\g<1>{self.name}-", svg[svg.index("<svg") :])
@@ -89,7 +89,7 @@ class Drawing:
 
     def _saved(self, kind: str, **metadata: None) -> bytes:
         buffer = io.BytesIO()
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(MATPLOTLIB_STYLE):
             self.figure.savefig(buffer, format=kind, metadata=metadata)
         return buffer.getvalue()
 
@@ -116,7 +116,7 @@ def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
-def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note: str = "") -> Drawing:
+def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note: str = "") -> ReportFigure:
     """Returns the figure with its file name and caption.
 
     A figure of simulated participants is marked in the figure, in the file name and in the caption. ``note``: another
@@ -127,15 +127,18 @@ def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note
         figure.suptitle("; ".join(marks), color=WARNING, fontsize=8, x=0.01, ha="left")
     caption = f"{caption}; {note}" if note else caption
     suffix, group = ("simulated", "simulated participants") if simulated else ("people", "people")
-    return Drawing(f"{kind}-{suffix}", f"{caption} ({group})", figure)
+    return ReportFigure(f"{kind}-{suffix}", f"{caption} ({group})", figure)
 
 
-Drawings = Mapping[str, Drawing]
+ReportFigures = Mapping[str, ReportFigure]
 """Figures by kind, such as "success"."""
 
 
-def inline_figures(drawings: Drawings, *kinds: str) -> Markup:
+def inline_figures(drawings: ReportFigures, *kinds: str) -> Markup:
     """Returns the figures of these kinds as HTML elements with captions. Missing kinds are omitted."""
     present = [drawings[kind] for kind in kinds if kind in drawings]
-    shown = [figure(tag("div", each.inline(), class_="scroll", tabindex=0), each.caption) for each in present]
+    shown = [
+        figure(tag("div", each.to_inline_svg(), class_="scroll", tabindex=0), each.caption)
+        for each in present
+    ]
     return tag("div", *shown, class_="figures")

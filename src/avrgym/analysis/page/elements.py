@@ -8,7 +8,7 @@ from typing import Any
 
 from avrgym.system.files import write_atomically
 
-CSS = """
+PAGE_CSS = """
 :root { color-scheme: light dark; --ground: #fff; --ink: #1c2024; --faint: #5b6570; --rule: #d5dae0;
   --accent: #0b62a8; --warning: #8a3b00; --warning-ground: #fff1e3;
   --line-1: #0b62a8; --line-2: #b1560f; --line-3: #1b7a43; --line-4: #8b3a8f; --line-5: #6b6b00; --line-6: #b3263a; }
@@ -66,14 +66,14 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
     return Markup(f"<{name}{settings}>{content}</{name}>")
 
 
-def join(parts: Sequence[Markup]) -> Markup:
+def join_markup(parts: Sequence[Markup]) -> Markup:
     """Returns the concatenation of HTML elements."""
     return Markup("".join(parts))
 
 
-def write_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
+def write_html_page(path: Path, title: str, header: Sequence[Markup], main: Sequence[Markup]) -> Path:
     """Write an HTML page. Creates the folder of the page if it does not exist. Returns ``path``."""
-    head = tag("title", title) + tag("style", Markup(CSS))
+    head = tag("title", title) + tag("style", Markup(PAGE_CSS))
     body = tag("body", tag("header", tag("h1", title), *header), tag("main", *main))
     page = (
         '<!doctype html>\n<html lang="en">\n<head><meta charset="utf-8">'
@@ -155,7 +155,7 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
     return f"{100 * rate:.0f} %{interval}"
 
 
-def interval_text(effect: float | None, low: float | None, high: float | None) -> str:
+def effect_size_text(effect: float | None, low: float | None, high: float | None) -> str:
     """Returns an effect size as text, with its 95 % confidence interval if there is one."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends

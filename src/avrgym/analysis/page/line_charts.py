@@ -11,9 +11,9 @@ from itertools import accumulate
 from avrgym.analysis.page.elements import Markup, figure, tag
 from avrgym.recording.schema import Control
 
-WIDTH, HEIGHT = 460, 200
-LEFT, RIGHT, TOP, BOTTOM = 52, 8, 10, 38
-COLOUR_COUNT = 6
+CHART_WIDTH, CHART_HEIGHT = 460, 200
+LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN, BOTTOM_MARGIN = 52, 8, 10, 38
+LINE_COLOUR_COUNT = 6
 LEGEND_LINE_HEIGHT = 16
 """Height of one line of the legend below a chart."""
 
@@ -49,23 +49,27 @@ def line_chart(
     values = [value for points in shown.values() for _, value in points]
     low, high, step = _axis(min([0.0, *values]), max([0.0, *values]))
     begin, end = min(times_s), max(times_s)
-    scale_x = (WIDTH - LEFT - RIGHT) / max(end - begin, 1e-9)
-    scale_y = (HEIGHT - TOP - BOTTOM) / (high - low)
+    scale_x = (CHART_WIDTH - LEFT_MARGIN - RIGHT_MARGIN) / max(end - begin, 1e-9)
+    scale_y = (CHART_HEIGHT - TOP_MARGIN - BOTTOM_MARGIN) / (high - low)
 
     def point(time_s: float, value: float) -> str:
-        return f"{LEFT + (time_s - begin) * scale_x:.1f},{TOP + (high - value) * scale_y:.1f}"
+        return f"{LEFT_MARGIN + (time_s - begin) * scale_x:.1f},{TOP_MARGIN + (high - value) * scale_y:.1f}"
 
     ticks = [low + step * k for k in range(round((high - low) / step) + 1)]
-    parts = [_grid_line(TOP + (high - tick) * scale_y, _short(tick, step)) for tick in ticks]
-    parts += [_time_tick(LEFT + (second - begin) * scale_x, second) for second in _seconds(begin, end)]
+    parts = [_grid_line(TOP_MARGIN + (high - tick) * scale_y, _short(tick, step)) for tick in ticks]
+    parts += [_time_tick(LEFT_MARGIN + (second - begin) * scale_x, second) for second in _seconds(begin, end)]
     for index, points in enumerate(shown.values()):
         path = " ".join(point(*each) for each in _without_plateaus(points))
         parts.append(f'<polyline points="{path}" fill="none" stroke="{_colour(index)}" stroke-width="1.5"/>')
-    height = HEIGHT + (LEGEND_LINE_HEIGHT * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
+    height = CHART_HEIGHT + (LEGEND_LINE_HEIGHT * math.ceil(len(lines) / 2) if len(lines) > 1 else 0)
     parts += _key(list(lines)) if len(lines) > 1 else []
-    parts.append(_text(14, (TOP + HEIGHT - BOTTOM) / 2, unit, "middle", turned=True))
-    parts.append(_text((LEFT + WIDTH - RIGHT) / 2, HEIGHT - 6, "time / s", "middle"))
-    svg = f'<svg viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{escape(caption)}" font-size="11">'
+    parts.append(_text(14, (TOP_MARGIN + CHART_HEIGHT - BOTTOM_MARGIN) / 2, unit, "middle", turned=True))
+    parts.append(
+        _text((LEFT_MARGIN + CHART_WIDTH - RIGHT_MARGIN) / 2, CHART_HEIGHT - 6, "time / s", "middle")
+    )
+    svg = (
+        f'<svg viewBox="0 0 {CHART_WIDTH} {height}" role="img" aria-label="{escape(caption)}" font-size="11">'
+    )
     return figure(Markup(f"{svg}{''.join(parts)}</svg>"), caption)
 
 
@@ -104,25 +108,28 @@ def _short(value: float, step: float) -> str:
 
 
 def _grid_line(y: float, text: str) -> str:
-    line = f'<path d="M{LEFT} {y:.1f}H{WIDTH - RIGHT}" stroke="var(--rule)"/>'
-    return line + _text(LEFT - 5, y + 4, text, "end")
+    line = f'<path d="M{LEFT_MARGIN} {y:.1f}H{CHART_WIDTH - RIGHT_MARGIN}" stroke="var(--rule)"/>'
+    return line + _text(LEFT_MARGIN - 5, y + 4, text, "end")
 
 
 def _time_tick(x: float, second: float) -> str:
-    return _text(x, HEIGHT - BOTTOM + 16, f"{second:g}", "middle")
+    return _text(x, CHART_HEIGHT - BOTTOM_MARGIN + 16, f"{second:g}", "middle")
 
 
 def _key(names: list[str]) -> list[str]:
     parts: list[str] = []
     for index, name in enumerate(names):
-        x, y = LEFT + index % 2 * (WIDTH - LEFT) / 2, HEIGHT + LEGEND_LINE_HEIGHT * (index // 2) + 6
+        x, y = (
+            LEFT_MARGIN + index % 2 * (CHART_WIDTH - LEFT_MARGIN) / 2,
+            CHART_HEIGHT + LEGEND_LINE_HEIGHT * (index // 2) + 6,
+        )
         parts.append(f'<path d="M{x:g} {y - 4}h18" stroke="{_colour(index)}" stroke-width="2"/>')
         parts.append(_text(x + 23, y, name, "start"))
     return parts
 
 
 def _colour(index: int) -> str:
-    return f"var(--line-{index % COLOUR_COUNT + 1})"
+    return f"var(--line-{index % LINE_COLOUR_COUNT + 1})"
 
 
 def _text(x: float, y: float, text: str, anchor: str, turned: bool = False) -> str:

@@ -9,28 +9,28 @@ from itertools import combinations, product
 
 import numpy as np
 
-from avrgym.analysis.answers.trial_answers import midpoint_question, policy_question
-from avrgym.analysis.models.effects import POLICIES, Effect, TrialValue
-from avrgym.analysis.models.estimate import Estimate
+from avrgym.analysis.answers.trial_answers import midpoint_question, policy_comparison_question
+from avrgym.analysis.models.effects import POLICY_EFFECT, Effect, TrialValue
+from avrgym.analysis.models.estimate import EffectEstimate
 from avrgym.analysis.models.fitting import estimate_effects
 from avrgym.analysis.models.models import model_groups
 from avrgym.analysis.power.simulated_studies import (
-    SCALE_POINTS,
-    Answers,
-    Assumptions,
+    REFERENCE_SCALE_POINTS,
+    PowerAssumptions,
+    SimulatedAnswers,
     SimulatedStudies,
-    midpoint,
+    scale_midpoint,
 )
-from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS, MIN_PARTICIPANTS, PARTICIPANT
+from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS, MIN_PARTICIPANTS, PARTICIPANT_UNIT
 from avrgym.analysis.statistics.sign_flips import sign_flip_p_values
-from avrgym.analysis.statistics.tests import signed_rank
+from avrgym.analysis.statistics.tests import signed_rank_test
 from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.questionnaires.questionnaire import Questionnaire
-from avrgym.study.design.allocation import cell_orders
-from avrgym.study.design.counterbalancing import Order
+from avrgym.study.design.allocation import trial_orders
+from avrgym.study.design.counterbalancing import BlockOrder
 from avrgym.study.design.design import Design
-from avrgym.system.jobs import report, run_all
+from avrgym.system.jobs import report_progress, starmap
 
 ALPHA = 0.05
 TARGET_POWERS = (0.8, 0.9)
@@ -39,7 +39,7 @@ STUDIES_PER_JOB = 100
 _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 PValueOrNone = float | None
-PValues = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
+PValuesByTest = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
 """(p, p after correction over all primary results), by (test, measure). ``None``: no test was possible."""
 
 
@@ -68,14 +68,14 @@ class PowerRow:
 
 def default_participant_numbers(design: Design) -> tuple[int, ...]:
     """Returns the default sample sizes: multiples of the number of trial orders, and the planned number."""
-    orders = len(cell_orders(design))
+    orders = len(trial_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
     return tuple(sorted({design.participants, *(step * count for count in _STEPS)}))
 
 
 def simulate_power(
     design: Design,
-    assumptions: Assumptions,
+    assumptions: PowerAssumptions,
     effects: Sequence[float],
     sizes: Sequence[int],
     simulations: int,
@@ -102,9 +102,9 @@ def simulate_power(
         ValueError: if the design has no items after trials, or an effect is out of range.
     """
     for effect in effects:
-        if not 0 < effect < SCALE_POINTS:
+        if not 0 < effect < REFERENCE_SCALE_POINTS:
             raise ValueError(
-                f"effect size is {effect:g} points; allowed: more than 0, less than {SCALE_POINTS}"
+                f"effect size is {effect:g} points; allowed: more than 0, less than {REFERENCE_SCALE_POINTS}"
             )
     SimulatedStudies(design, assumptions, seed)
     wanted = [(0.0, design.participants), *product(effects, sizes)]
@@ -114,7 +114,7 @@ def simulate_power(
     ]
     arguments = [(design, assumptions, *each, seed, chunk) for each in wanted for chunk in chunks]
     total = simulations * len(wanted)
-    found = run_all(_count_and_report, arguments, jobs, lambda done: progress(done, total))
+    found = starmap(_count_and_report, arguments, jobs, lambda done: progress(done, total))
     rows: list[PowerRow] = []
     for index, (effect, participants) in enumerate(wanted):
         own = found[index * len(chunks) : (index + 1) * len(chunks)]
@@ -122,12 +122,12 @@ def simulate_power(
     return rows
 
 
-SignificantCounts = Mapping[tuple[str, str], tuple[int, int]]
+SignificantStudyCounts = Mapping[tuple[str, str], tuple[int, int]]
 """(number of studies with p below 0.05, number with corrected p below 0.05), by (test, measure)."""
 
 
 def power_rows(
-    counts: Sequence[SignificantCounts], effect: float, participants: int, simulations: int
+    counts: Sequence[SignificantStudyCounts], effect: float, participants: int, simulations: int
 ) -> list[PowerRow]:
     """Returns the power of each test for one effect and one number of participants. ``counts``: one for each job."""
     rows: list[PowerRow] = []
@@ -144,26 +144,26 @@ def power_rows(
 
 
 def _count_and_report(
-    design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
-) -> SignificantCounts:
-    counts = count_significant(design, assumptions, effect, participants, seed, numbers)
-    report(len(numbers))
+    design: Design, assumptions: PowerAssumptions, effect: float, participants: int, seed: int, numbers: range
+) -> SignificantStudyCounts:
+    counts = count_significant_studies(design, assumptions, effect, participants, seed, numbers)
+    report_progress(len(numbers))
     return counts
 
 
-def count_significant(
-    design: Design, assumptions: Assumptions, effect: float, participants: int, seed: int, numbers: range
-) -> SignificantCounts:
+def count_significant_studies(
+    design: Design, assumptions: PowerAssumptions, effect: float, participants: int, seed: int, numbers: range
+) -> SignificantStudyCounts:
     """Returns the number of studies with a significant result, by test. ``numbers``: numbers of the studies."""
     studies = SimulatedStudies(design, assumptions, seed)
     first = studies.questionnaire.items[0].id
     found: dict[tuple[str, str], tuple[int, int]] = {}
     for number in numbers:
-        answers = studies.answers(effect, participants, number)
-        objective = studies.objective(participants, number)
-        judged = dict(p_values(design, studies.questionnaire, answers, objective))
+        answers = studies.simulate_answers(effect, participants, number)
+        objective = studies.simulate_objective_measures(participants, number)
+        judged = dict(primary_p_values(design, studies.questionnaire, answers, objective))
         if len(design.policies) > 1:
-            family, p = model_p_value(design, answers, studies.orders(participants, number))
+            family, p = model_p_value(design, answers, studies.simulate_trial_orders(participants, number))
             judged[family, first] = p, p
         for test, (p, p_corrected) in judged.items():
             plain, corrected = found.get(test, (0, 0))
@@ -175,9 +175,9 @@ def _is_significant(p: PValueOrNone) -> bool:
     return p is not None and p < ALPHA
 
 
-def p_values(
-    design: Design, questionnaire: Questionnaire, answers: Answers, objective: FloatArray
-) -> PValues:
+def primary_p_values(
+    design: Design, questionnaire: Questionnaire, answers: SimulatedAnswers, objective: FloatArray
+) -> PValuesByTest:
     """Returns p and corrected p of each reported test, with the methods of the analysis.
 
     The reported tests compare answers to the first item with the last policy against the midpoint. They also compare
@@ -189,7 +189,7 @@ def p_values(
     tests = list(_primary(design, questionnaire, means, objective))
     if len(means) < MIN_PARTICIPANTS:
         return {name: (None, None) for name, _ in tests if name}
-    found = [signed_rank(differences).p for _, differences in tests]
+    found = [signed_rank_test(differences).p for _, differences in tests]
     people = [dict(zip(map(str, range(len(means))), each.tolist(), strict=True)) for _, each in tests]
     joint = sign_flip_p_values(people)
     return {
@@ -199,7 +199,7 @@ def p_values(
     }
 
 
-TestDifferences = tuple[tuple[str, str] | None, FloatArray]
+PrimaryTestDifferences = tuple[tuple[str, str] | None, FloatArray]
 """(test, measure), and the difference of each participant. ``None``: test without reported power."""
 
 
@@ -208,16 +208,18 @@ def _primary(
     questionnaire: Questionnaire,
     means: FloatArray,
     objective: FloatArray,
-) -> Iterator[TestDifferences]:
+) -> Iterator[PrimaryTestDifferences]:
     """Yields the primary tests of a simulated study. ``means``: mean answers (participants, policies, items)."""
     items, last = [item.id for item in questionnaire.items], len(design.policies) - 1
-    neutral = midpoint(questionnaire.items[0])
+    neutral = scale_midpoint(questionnaire.items[0])
     for policy in range(len(design.policies)):
         name = (
-            (midpoint_question(questionnaire).family_name(PARTICIPANT), items[0]) if policy == last else None
+            (midpoint_question(questionnaire).family_name(PARTICIPANT_UNIT), items[0])
+            if policy == last
+            else None
         )
         yield name, means[:, policy, 0] - neutral
-    family = policy_question(design, questionnaire).family_name(PARTICIPANT)
+    family = policy_comparison_question(design, questionnaire).family_name(PARTICIPANT_UNIT)
     for first, second in combinations(range(len(design.policies)), 2):
         apart = np.round(means[:, second] - means[:, first], MEAN_DECIMALS)
         for place, item in enumerate(items):
@@ -245,23 +247,27 @@ def required_participants(
     return reached
 
 
-def model_p_value(design: Design, answers: Answers, orders: Sequence[Order]) -> tuple[str, float | None]:
+def model_p_value(
+    design: Design, answers: SimulatedAnswers, orders: Sequence[BlockOrder]
+) -> tuple[str, float | None]:
     """Fit the model of the first item after trials, and test the last policy against the first policy.
 
     Returns:
         The name of the test family, and p. p is ``None`` if the model cannot be estimated from the answers.
     """
     source = next(model_groups(design))
-    model = next(iter(source.models.values()))
-    wanted = Effect(POLICIES, design.policies[-1], design.policies[0])
+    model = next(iter(source.model_by_quantity.values()))
+    wanted = Effect(POLICY_EFFECT, design.policies[-1], design.policies[0])
     found = estimate_effects(
-        design, model, values_in_order(design, answers[..., 0].astype(float), orders), [wanted]
+        design, model, ordered_trial_values(design, answers[..., 0].astype(float), orders), [wanted]
     )
     estimate = found[wanted]
-    return source.family(POLICIES), estimate.p if isinstance(estimate, Estimate) else None
+    return source.family_name(POLICY_EFFECT), estimate.p if isinstance(estimate, EffectEstimate) else None
 
 
-def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order]) -> list[TrialValue]:
+def ordered_trial_values(
+    design: Design, values: FloatArray, orders: Sequence[BlockOrder]
+) -> list[TrialValue]:
     """Returns a ``TrialValue`` for each trial, in the trial order of each participant.
 
     ``values``: (participants, tasks, robots, policies).
@@ -273,13 +279,13 @@ def values_in_order(design: Design, values: FloatArray, orders: Sequence[Order])
     ]
 
 
-def _course(design: Design, order: Order, who: str, own: FloatArray) -> Iterator[TrialValue]:
+def _course(design: Design, order: BlockOrder, who: str, own: FloatArray) -> Iterator[TrialValue]:
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.robot_policy_pairs) - 1, 1)
     for block, part in enumerate(order):
         before = design.practice_policy or None
-        for place, index in enumerate(part.conditions):
+        for place, index in enumerate(part.condition_indices):
             robot, policy = design.robot_policy_pairs[index]
-            value = own[part.task].reshape(-1)[index]
-            task = design.tasks[part.task]
+            value = own[part.task_index].reshape(-1)[index]
+            task = design.tasks[part.task_index]
             yield TrialValue(who, task, robot, policy, block / blocks, place / places, before, float(value))
             before = policy

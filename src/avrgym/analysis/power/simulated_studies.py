@@ -5,22 +5,22 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at
+from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at_moment
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.questionnaires.questionnaire import Item
-from avrgym.study.design.allocation import cell_orders, least_filled_cell
-from avrgym.study.design.counterbalancing import Order
+from avrgym.study.design.allocation import least_filled_cell, trial_orders
+from avrgym.study.design.counterbalancing import BlockOrder
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 
-Answers = NDArray[np.int_]
+SimulatedAnswers = NDArray[np.int_]
 """Answers of participants who completed the study: (participants, tasks, robots, policies, items)."""
-SCALE_POINTS = 7
+REFERENCE_SCALE_POINTS = 7
 """Reference scale: effects and standard deviations are in points of a seven-point scale. Other scales are rescaled."""
 
 
 @dataclass(frozen=True)
-class Assumptions:
+class PowerAssumptions:
     """Assumed variation of answers, as standard deviations in points of a seven-point scale.
 
     ``participant_sd``: leniency of participants. ``policy_sd``: preference of a participant for a policy. ``task_sd``:
@@ -49,7 +49,7 @@ class Assumptions:
             raise ValueError(f"dropout is {self.dropout:g}; allowed: 0 or more, below 1")
 
 
-def midpoint(item: Item) -> float:
+def scale_midpoint(item: Item) -> float:
     """Returns the midpoint of the scale of an item. In these simulations, each scale starts at 1."""
     return (1 + item.points) / 2
 
@@ -61,9 +61,9 @@ class SimulatedStudies:
     smaller study with the same ``number``.
     """
 
-    def __init__(self, design: Design, assumptions: Assumptions, seed: int) -> None:
+    def __init__(self, design: Design, assumptions: PowerAssumptions, seed: int) -> None:
         """Store the parameters. Raises ``ValueError`` if the design has no questionnaire after trials."""
-        asked = questionnaires_at(design, AFTER_TRIAL)
+        asked = questionnaires_at_moment(design, AFTER_TRIAL)
         if not asked:
             raise ValueError(
                 "the design has no questionnaire after trials; add one to study.toml to simulate its answers"
@@ -72,10 +72,10 @@ class SimulatedStudies:
         self._assumptions, self._seed = assumptions, seed
         self._shape = (len(design.tasks), len(design.robots), len(design.policies), len(asked[0].items))
         self._places = self._places_in_session()
-        self._middle = np.array([midpoint(item) for item in asked[0].items])
+        self._middle = np.array([scale_midpoint(item) for item in asked[0].items])
         self._points = np.array([item.points for item in asked[0].items])
 
-    def answers(self, effect: float, participants: int, number: int) -> Answers:
+    def simulate_answers(self, effect: float, participants: int, number: int) -> SimulatedAnswers:
         """Returns the answers of the participants who complete study ``number``.
 
         Without random variation and drift, the ratings of the last policy are ``effect`` points above the midpoint. The
@@ -98,16 +98,16 @@ class SimulatedStudies:
             + of_policy
         )
         latent = shift[..., None] + assumed.noise_sd * noise
-        rated = np.rint(self._middle + latent * (self._points - 1) / (SCALE_POINTS - 1))
+        rated = np.rint(self._middle + latent * (self._points - 1) / (REFERENCE_SCALE_POINTS - 1))
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
-    def orders(self, participants: int, number: int) -> list[Order]:
+    def simulate_trial_orders(self, participants: int, number: int) -> list[BlockOrder]:
         """Returns the order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
-        orders = cell_orders(self.design)
+        orders = trial_orders(self.design)
         return [orders[cell] for cell in cells[stays]]
 
-    def objective(self, participants: int, number: int) -> FloatArray:
+    def simulate_objective_measures(self, participants: int, number: int) -> FloatArray:
         """Returns random success, reward and force (participants, policies, 3). They do not depend on the policy."""
         rng = random_streams.simulated_study_generator(self._seed, number, 3)
         return rng.standard_normal((participants, self._shape[2], 3))
@@ -132,10 +132,10 @@ class SimulatedStudies:
     def _places_in_session(self) -> FloatArray:
         """Returns the position (0 to 1) of each condition in the session: (orders, tasks, robots, policies)."""
         tasks, robots, policies, _ = self._shape
-        orders = cell_orders(self.design)
+        orders = trial_orders(self.design)
         places = np.zeros((len(orders), tasks, robots * policies))
         for cell, order in enumerate(orders):
-            met = [(block.task, condition) for block in order for condition in block.conditions]
+            met = [(block.task_index, condition) for block in order for condition in block.condition_indices]
             for position, (task, condition) in enumerate(met):
                 places[cell, task, condition] = position / max(len(met) - 1, 1)
         return places.reshape(-1, tasks, robots, policies)

@@ -6,13 +6,13 @@ from math import ceil
 from typing import Any
 
 from avrgym.analysis.power.power import ALPHA, TARGET_POWERS, PowerRow, required_participants
-from avrgym.analysis.power.simulated_studies import Assumptions
-from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT
+from avrgym.analysis.power.simulated_studies import PowerAssumptions
+from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT_UNIT
 from avrgym.study.design.design import Design
 
 
 def power_summary(
-    design: Design, assumptions: Assumptions, rows: Sequence[PowerRow], seed: int
+    design: Design, assumptions: PowerAssumptions, rows: Sequence[PowerRow], seed: int
 ) -> dict[str, Any]:
     """Returns assumptions, power, required numbers of participants and text, for a JSON file."""
     return {
@@ -25,7 +25,7 @@ def power_summary(
     }
 
 
-def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
+def _required_numbers(assumptions: PowerAssumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
     """Returns the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
 
     Both are ``None`` if no simulated number is sufficient.
@@ -42,7 +42,7 @@ def _required_numbers(assumptions: Assumptions, rows: Sequence[PowerRow]) -> lis
     return found
 
 
-def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
+def terminal_table_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     """Returns a row for each effect, test and measure.
 
     It contains the corrected power by number of participants, and the required numbers of participants.
@@ -60,7 +60,7 @@ def terminal_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
 
 
 def _shown(test: str) -> str:
-    return test if test.endswith(PARTICIPANT) else f"{test} (not corrected)"
+    return test if test.endswith(PARTICIPANT_UNIT) else f"{test} (not corrected)"
 
 
 def _tests(rows: Sequence[PowerRow]) -> list[tuple[float, str, str]]:
@@ -80,7 +80,9 @@ def _number(rows: Sequence[PowerRow], effect: float, test: str, measure: str, ta
     return f"over {maximum}" if number is None else str(number)
 
 
-def describe_power(assumptions: Assumptions, rows: Sequence[PowerRow], participants: int) -> Iterator[str]:
+def describe_power(
+    assumptions: PowerAssumptions, rows: Sequence[PowerRow], participants: int
+) -> Iterator[str]:
     """Yields sentences about the power of the tests of the first item. The simulation treats all items equally.
 
     ``participants``: one of the simulated numbers of participants.
@@ -123,7 +125,7 @@ def _found(row: PowerRow) -> str:
     after = (
         f"after correction in {100 * row.corrected_power:.0f} % ({100 * row.corrected_power_low:.0f} to "
         f"{100 * row.corrected_power_high:.0f})"
-        if row.test.endswith(PARTICIPANT)
+        if row.test.endswith(PARTICIPANT_UNIT)
         else "not corrected"
     )
     return (

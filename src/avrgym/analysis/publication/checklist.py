@@ -10,9 +10,13 @@ from dataclasses import dataclass
 from avrgym.analysis.designs import describe_by_design
 from avrgym.analysis.flow import ParticipantFlow
 from avrgym.analysis.page.elements import time_text
-from avrgym.analysis.publication.methods import analysed_designs, inclusion_answers, session_days
-from avrgym.analysis.study import Analysis
-from avrgym.policies.names import OPERATOR
+from avrgym.analysis.publication.methods import (
+    analysed_session_designs,
+    required_inclusion_answers,
+    session_days_text,
+)
+from avrgym.analysis.study import StudyAnalysis
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.study.design.description import describe_blinding, describe_conditions, describe_randomization
 
 
@@ -28,7 +32,7 @@ class ChecklistField:
     source: str = ""
 
 
-def checklist(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
+def checklist_fields(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
     """Returns all checklist fields for one group, in the order of a publication."""
     return [*_about_people(analysis, flow), *_about_the_study(analysis), *_about_the_analysis(analysis, flow)]
 
@@ -37,16 +41,20 @@ def _reporting(field: str, text: str, name: str) -> ChecklistField:
     return ChecklistField(field, text, f"{name} in [reporting] of study.toml")
 
 
-def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
+def _about_people(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
     about = analysis.design.reporting
-    people = analysis.observed.analysed_people(simulated=flow.simulated)
+    people = analysis.study_data.analysed_participants(simulated=flow.simulated)
     ages = sum(row.age_years is not None for row in people)
     withdrew = flow.withdrew_before_allocation + flow.withdrew
     left = f"{flow.excluded} excluded, {withdrew} withdrew, {flow.deleted} deleted"
     if lost := flow.withdrawal_unknown + flow.consent_unknown:
         left += f", of {lost} unknown"
-    inclusion = describe_by_design(analysed_designs(analysis, flow), analysis.design, inclusion_answers)
-    consent = ", ".join(f"version {version}: {number}" for version, number in flow.consents.items())
+    inclusion = describe_by_design(
+        analysed_session_designs(analysis, flow), analysis.design, required_inclusion_answers
+    )
+    consent = ", ".join(
+        f"version {version}: {number}" for version, number in flow.participants_by_consent_version.items()
+    )
     if flow.reconsented or flow.declined:
         consent += f"; re-consent: {flow.reconsented} agreed, {flow.declined} declined"
     return [
@@ -70,11 +78,11 @@ def _about_people(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistFi
     ]
 
 
-def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
+def _about_the_study(analysis: StudyAnalysis) -> list[ChecklistField]:
     design, about = analysis.design, analysis.design.reporting
     measures = ", ".join(each.name for each in design.questionnaires)
     flow = next(iter(analysis.flows), None)
-    days = session_days(flow) if flow and flow.first_day else ""
+    days = session_days_text(flow) if flow and flow.first_session_day else ""
     return [
         ChecklistField("Design and conditions", describe_conditions(design)),
         ChecklistField("Order and randomisation", describe_randomization(design)),
@@ -85,7 +93,7 @@ def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
             f"the policies {', '.join(design.policies)}"
             + (
                 "; for the policy operator, the experimenter"
-                if OPERATOR in design.policies
+                if OPERATOR_POLICY in design.policies
                 else ", on their own"
             ),
         ),
@@ -96,15 +104,15 @@ def _about_the_study(analysis: Analysis) -> list[ChecklistField]:
     ]
 
 
-def _about_the_analysis(analysis: Analysis, flow: ParticipantFlow) -> list[ChecklistField]:
-    plan = analysis.plan.plan if analysis.plan else None
+def _about_the_analysis(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[ChecklistField]:
+    plan = analysis.frozen_plan.plan if analysis.frozen_plan else None
     rationale = plan.sample_size_rationale if plan else ""
-    deviations = len(analysis.plan.deviations) if analysis.plan else 0
-    own = [row for row in analysis.observed.participants if row.simulated is flow.simulated]
+    deviations = len(analysis.frozen_plan.deviations) if analysis.frozen_plan else 0
+    own = [row for row in analysis.study_data.participants if row.simulated is flow.simulated]
     missing = sum(row.trials_missing for row in own)
     frozen = (
-        f"frozen at {time_text(analysis.plan.at)} (UTC)"
-        if analysis.plan and analysis.plan.is_confirmatory
+        f"frozen at {time_text(analysis.frozen_plan.frozen_at)} (UTC)"
+        if analysis.frozen_plan and analysis.frozen_plan.is_confirmatory
         else ""
     )
     return [

@@ -10,11 +10,11 @@ from avrgym.system.columns import BOOLEAN, INTEGER, NUMBER, TEXT, TIME, Column
 
 JSON_TYPES = {TEXT: "string", INTEGER: "integer", NUMBER: "number", BOOLEAN: "boolean", TIME: "string"}
 FRICTIONLESS_TYPES = JSON_TYPES | {TIME: "datetime"}
-SCHEMA = "https://json-schema.org/draft/2020-12/schema"
-PROFILE = "tabular-data-package"
+JSON_SCHEMA_URI = "https://json-schema.org/draft/2020-12/schema"
+DATA_PACKAGE_PROFILE = "tabular-data-package"
 
 
-def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
+def analysis_codebook_rows(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
     """Yields a row for each column of each table. The format is that of the codebook of study exports."""
     for table in tables:
         for name, column in table.columns.items():
@@ -24,7 +24,7 @@ def codebook(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
 def json_schema(tables: Sequence[Table], title: str) -> dict[str, Any]:
     """Returns the JSON Schema of the tables in ``results.json``. Every row has all columns of its table."""
     return {
-        "$schema": SCHEMA,
+        "$schema": JSON_SCHEMA_URI,
         "title": f"Tables of the analysis of {title}",
         "type": "object",
         "properties": {table.name: {"type": "array", "items": _row(table)} for table in tables},
@@ -55,7 +55,7 @@ def _description(column: Column) -> dict[str, str]:
 def data_package(tables: Sequence[Table], title: str, description: str) -> Mapping[str, Any]:
     """Returns the descriptor of the tables as a Frictionless data package (specs.frictionlessdata.io)."""
     return {
-        "profile": PROFILE,
+        "profile": DATA_PACKAGE_PROFILE,
         "name": "avrgym-analysis",
         "title": title,
         "description": description,

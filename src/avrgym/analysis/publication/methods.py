@@ -5,18 +5,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean, stdev
 
 from avrgym.analysis.adverse_events import describe_adverse_events
-from avrgym.analysis.biomechanics.training_people import posture_of
+from avrgym.analysis.biomechanics.training_people import task_posture
 from avrgym.analysis.commands import describe_condition
 from avrgym.analysis.designs import describe_by_design
 from avrgym.analysis.flow import ParticipantFlow, flow_steps
 from avrgym.analysis.headsets import describe_headset_checks
 from avrgym.analysis.latency import total_latency
-from avrgym.analysis.models.section import MODELS_METHOD
+from avrgym.analysis.models.section import MODELS_METHOD_TEXT
 from avrgym.analysis.page.elements import count_text
 from avrgym.analysis.reading.rows import ParticipantRow
-from avrgym.analysis.sites import site_of
+from avrgym.analysis.sites import site_label
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS
-from avrgym.analysis.study import Analysis
+from avrgym.analysis.study import StudyAnalysis
 from avrgym.commands.respondents import PROXY
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.description import (
@@ -31,27 +31,29 @@ from avrgym.study.storage.session_designs import SessionDesign
 from avrgym.tasks.registry import TASKS
 from avrgym.vr.session.attempt import versions
 
-SIMULATED = "SIMULATED PARTICIPANTS: a program generated all data. They contain no information about people."
-LOST_ANSWERS = "Answers from before the rebuild of the database are lost."
-MOMENTS = {
+SIMULATED_DATA_TEXT = (
+    "SIMULATED PARTICIPANTS: a program generated all data. They contain no information about people."
+)
+LOST_ANSWERS_TEXT = "Answers from before the rebuild of the database are lost."
+MOMENT_DESCRIPTIONS = {
     "before_session": "before each session",
     "after_trial": "after each trial",
     "after_break": "after each break",
     "after_session": "after each session",
     "caregiver": "to caregivers",
 }
-Sections = Mapping[str, list[str]]
+MethodsSections = Mapping[str, list[str]]
 """The paragraphs of the methods section, by heading."""
 
 
-def placeholder(what: str) -> str:
+def missing_text_placeholder(what: str) -> str:
     """Returns a placeholder for a text that the author must write. ``what``: the topic of the text."""
     return f"[MISSING: {what}]"
 
 
-def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
+def methods_sections(analysis: StudyAnalysis, flow: ParticipantFlow) -> MethodsSections:
     """Returns the methods section about the group in ``flow``: people or simulated participants."""
-    session_designs = analysed_designs(analysis, flow)
+    session_designs = analysed_session_designs(analysis, flow)
     sections = {
         "Participants": list(_participants(analysis, flow)),
         "Design": [
@@ -69,16 +71,18 @@ def methods(analysis: Analysis, flow: ParticipantFlow) -> Sections:
         "Analysis": list(_analysis(analysis)),
         "Deviations from the plan": _deviations(analysis),
     }
-    return {"": [SIMULATED]} | sections if flow.simulated else sections
+    return {"": [SIMULATED_DATA_TEXT]} | sections if flow.simulated else sections
 
 
-def analysed_designs(analysis: Analysis, flow: ParticipantFlow) -> list[SessionDesign]:
+def analysed_session_designs(analysis: StudyAnalysis, flow: ParticipantFlow) -> list[SessionDesign]:
     """Returns the session designs of the analysed participants in one group: people or simulated participants."""
-    analysed = {row.participant for row in analysis.observed.analysed_people(simulated=flow.simulated)}
+    analysed = {
+        row.participant for row in analysis.study_data.analysed_participants(simulated=flow.simulated)
+    }
     return [use for use in analysis.session_designs if use.participant.pseudonym in analysed]
 
 
-def markdown(title: str, sections: Sections) -> str:
+def methods_markdown(title: str, sections: MethodsSections) -> str:
     """Returns the methods section as Markdown text."""
     lines = [f"# {title}: methods"]
     for heading, paragraphs in sections.items():
@@ -86,28 +90,31 @@ def markdown(title: str, sections: Sections) -> str:
     return "\n\n".join(lines) + "\n"
 
 
-def _participants(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+def _participants(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
     about = analysis.design.reporting
-    people = analysis.observed.analysed_people(simulated=flow.simulated)
+    people = analysis.study_data.analysed_participants(simulated=flow.simulated)
     yield " ".join(_flow_sentences(flow))
     if people:
         words = f"{_ages(people)} {_bodies(people)} {_languages(people)}"
         yield f"Of the {count_text(len(people), _who(flow))} in the analysis: {words}"
     if any(row.site for row in people):
         yield _sites(people)
-    yield from analysis.losses
+    yield from analysis.data_losses
     if flow.simulated:
         return
-    yield f"Gender: {about.gender or placeholder('gender, as participants described it')}"
-    yield f"Experience with robots and VR: {about.experience or placeholder('experience with robots and with VR')}"
-    yield f"Recruitment: {about.recruitment or placeholder('recruitment of participants')}"
-    yield f"Compensation: {about.compensation or placeholder('compensation of participants')}"
-    yield f"Ethics approval: {about.ethics_approval or placeholder('board and number of the approval')}"
+    yield f"Gender: {about.gender or missing_text_placeholder('gender, as participants described it')}"
+    experience = about.experience or missing_text_placeholder("experience with robots and with VR")
+    yield f"Experience with robots and VR: {experience}"
+    yield f"Recruitment: {about.recruitment or missing_text_placeholder('recruitment of participants')}"
+    yield f"Compensation: {about.compensation or missing_text_placeholder('compensation of participants')}"
+    yield f"Ethics approval: {about.ethics_approval or missing_text_placeholder('board and number of the approval')}"
     lost = flow.withdrawal_unknown + flow.consent_unknown
     unknown = (
         f"; unknown for {count_text(lost, 'participant')}, because the database was lost" if lost else ""
     )
-    agreed = ", ".join(f"version {version} by {number}" for version, number in flow.consents.items())
+    agreed = ", ".join(
+        f"version {version} by {number}" for version, number in flow.participants_by_consent_version.items()
+    )
     yield f"Participants first gave informed consent (text: {agreed or 'no participant so far'}){unknown}."
     if flow.reconsented or flow.declined:
         yield (
@@ -137,7 +144,7 @@ def _flow_sentences(flow: ParticipantFlow) -> Iterator[str]:
 def _ages(people: Sequence[ParticipantRow]) -> str:
     ages = [row.age_years for row in people if row.age_years is not None]
     if not ages:
-        return f"Age: {placeholder('ages')}."
+        return f"Age: {missing_text_placeholder('ages')}."
     spread = f", standard deviation {stdev(ages):.1f}" if len(ages) > 1 else ""
     unknown = f", not given by {len(people) - len(ages)}" if len(ages) < len(people) else ""
     return f"Age: {min(ages)} to {max(ages)} years, mean {fmean(ages):.1f}{spread}{unknown}."
@@ -154,7 +161,7 @@ def _languages(people: Sequence[ParticipantRow]) -> str:
 
 
 def _sites(people: Sequence[ParticipantRow]) -> str:
-    taken = Counter(site_of(row) for row in people)
+    taken = Counter(site_label(row) for row in people)
     return f"Sites: {_shares(taken)}. Orders are balanced within each site. Tests pool all sites."
 
 
@@ -163,7 +170,7 @@ def _shares(times: Mapping[str, int]) -> str:
 
 
 def _orders(flow: ParticipantFlow) -> Iterator[str]:
-    given = ", ".join(f"{number} ({times})" for number, times in flow.orders.items())
+    given = ", ".join(f"{number} ({times})" for number, times in flow.participants_by_order.items())
     yield (
         f"Orders of trials, with the number of participants: {given}."
         if given
@@ -171,16 +178,18 @@ def _orders(flow: ParticipantFlow) -> Iterator[str]:
     )
 
 
-def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+def _apparatus(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
     design = analysis.design
     software = versions()
-    checked = describe_headset_checks([row for row in analysis.headsets if row.simulated is flow.simulated])
+    checked = describe_headset_checks(
+        [row for row in analysis.headset_checks if row.simulated is flow.simulated]
+    )
     yield (
         f"AVR Gym {software.avrgym} simulated the robots ({', '.join(design.robots)}) and the person's body with "
         f"MuJoCo {software.mujoco} (as of this analysis; the report lists recordings of other versions). "
-        f"Headset and controllers: {design.reporting.headset or placeholder('headset and controllers')}"
+        f"Headset and controllers: {design.reporting.headset or missing_text_placeholder('headset and controllers')}"
     )
-    yield describe_by_design(analysed_designs(analysis, flow), design, _equipment)
+    yield describe_by_design(analysed_session_designs(analysis, flow), design, _equipment)
     for name, rules in design.conditions.items():
         yield f"Condition {name}: {describe_condition(rules)}"
     yield from _plugins(analysis, flow)
@@ -191,7 +200,7 @@ def _apparatus(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
 
 def _equipment(design: Design) -> str:
     """Returns sentences about seat or mattress, the force guard, and the withdrawal of the tool after success."""
-    seat, postures = design.furniture, {posture_of(task) for task in design.tasks}
+    seat, postures = design.furniture, {task_posture(task) for task in design.tasks}
     places = {
         "seated": f"sat on a seat {seat.seat_height_m:g} m high",
         "in bed": f"lay on a mattress {seat.mattress_height_m:g} m high with its back at {seat.mattress_back_deg:g}°",
@@ -210,11 +219,11 @@ def _withdrawal(design: Design) -> str:
     return f" After success in {' and '.join(ending)} the robot withdrew its tool and waited."
 
 
-def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
+def _plugins(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
     """Yields a sentence about the plug-ins in the recordings; yields nothing without plug-ins."""
     used = Counter(
-        f"{each.label}: {each.recorded}"
-        for each in analysis.observed.plugins
+        f"{each.plugin_label}: {each.recorded_version}"
+        for each in analysis.study_data.plugins
         if each.simulated is flow.simulated
     )
     if used:
@@ -222,11 +231,11 @@ def _plugins(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
         yield f"Plug-ins, with the hash of their files: {said}."
 
 
-def _latency(analysis: Analysis) -> str:
+def _latency(analysis: StudyAnalysis) -> str:
     flow = main_flow(analysis)
-    total = total_latency(analysis.latency, simulated=flow.simulated) if flow else None
+    total = total_latency(analysis.latency_summaries, simulated=flow.simulated) if flow else None
     if total is None:
-        return f"Latency from pose to frame: {placeholder('no recording contains it')}"
+        return f"Latency from pose to frame: {missing_text_placeholder('no recording contains it')}"
     return (
         "Latency from a tracked pose to the frame with its simulation: "
         f"{total.p50_ms:.0f} ms at the median, at most {total.p95_ms:.0f} ms for 95 % of {total.pictures} frames, "
@@ -234,52 +243,61 @@ def _latency(analysis: Analysis) -> str:
     )
 
 
-def _inclusion(analysis: Analysis, flow: ParticipantFlow) -> Iterator[str]:
-    asked = describe_by_design(analysed_designs(analysis, flow), analysis.design, _inclusion_questions)
+def _inclusion(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
+    asked = describe_by_design(
+        analysed_session_designs(analysis, flow), analysis.design, _inclusion_questions
+    )
     if asked:
-        yield f"{asked} {LOST_ANSWERS}" if analysis.rebuilt_at else asked
+        yield f"{asked} {LOST_ANSWERS_TEXT}" if analysis.rebuilt_at else asked
     about = analysis.design.reporting
-    days = f"Sessions took place {session_days(flow)}." if flow.first_day else "No session took place yet."
-    yield f"{days} Place: {about.location or placeholder('place of the sessions')}"
+    days = (
+        f"Sessions took place {session_days_text(flow)}."
+        if flow.first_session_day
+        else "No session took place yet."
+    )
+    yield f"{days} Place: {about.location or missing_text_placeholder('place of the sessions')}"
 
 
-def inclusion_answers(design: Design) -> str:
+def required_inclusion_answers(design: Design) -> str:
     """Returns each inclusion question with its required answer, as text."""
     return " ".join(f"{each.text} {'Yes' if each.required else 'No'}." for each in design.inclusion)
 
 
 def _inclusion_questions(design: Design) -> str:
-    asked = inclusion_answers(design)
+    asked = required_inclusion_answers(design)
     return f"Required answers to inclusion questions: {asked}" if asked else ""
 
 
-def session_days(flow: ParticipantFlow) -> str:
+def session_days_text(flow: ParticipantFlow) -> str:
     """Returns the days of the first and last session, as text."""
     return (
-        f"on {flow.first_day}"
-        if flow.first_day == flow.last_day
-        else f"from {flow.first_day} to {flow.last_day}"
+        f"on {flow.first_session_day}"
+        if flow.first_session_day == flow.last_session_day
+        else f"from {flow.first_session_day} to {flow.last_session_day}"
     )
 
 
-def _measures(analysis: Analysis) -> Iterator[str]:
+def _measures(analysis: StudyAnalysis) -> Iterator[str]:
     yield "Objective: the reward summed over a trial, and whether the robot succeeded."
     for each in analysis.design.questionnaires:
         yield _questionnaire(each)
     yield from _versions(analysis)
-    by_proxy = sum(row.respondent == PROXY for row in analysis.observed.answers)
+    by_proxy = sum(row.respondent == PROXY for row in analysis.study_data.answers)
     if by_proxy:
-        yield f"Proxies gave {by_proxy} of {len(analysis.observed.answers)} answers for participants."
+        yield f"Proxies gave {by_proxy} of {len(analysis.study_data.answers)} answers for participants."
     if analysis.design.practice_policy:
         yield "Practice trials have no questionnaire."
 
 
 def _questionnaire(asked: Questionnaire) -> str:
-    when = " and ".join(MOMENTS[moment] for moment in asked.moments)
+    when = " and ".join(MOMENT_DESCRIPTIONS[moment] for moment in asked.moments)
     if asked.instrument is not None:
-        source, answers = f"{asked.instrument.title} ({asked.instrument.source})", asked.instrument.response
+        source, answers = (
+            f"{asked.instrument.title} ({asked.instrument.source})",
+            asked.instrument.response_scale,
+        )
         steps = f" in steps of {answers.step}" if answers.step != 1 else ""
-        ranged = f"from {answers.lowest} to {answers.highest}{steps}"
+        ranged = f"from {answers.lowest_value} to {answers.highest_value}{steps}"
         scale = "with a choice of one of two" if answers.points == 2 else ranged
         return f"{asked.name}, asked {when}: {source}, {count_text(len(asked.items), 'item')} {scale}."
     scales = dict.fromkeys(asked.describe_scale(item) for item in asked.items)
@@ -290,27 +308,29 @@ def _questionnaire(asked: Questionnaire) -> str:
     return f"{asked.name}, asked {when}: {items}"
 
 
-def _versions(analysis: Analysis) -> Iterator[str]:
+def _versions(analysis: StudyAnalysis) -> Iterator[str]:
     """Yields a sentence with each version of each changed item and the participants who answered it."""
-    changed = {base_name(row.item) for row in analysis.items if row.version > 1}
+    changed = {base_name(row.item) for row in analysis.item_versions if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
         f"{row.participants}"
-        for row in analysis.items
+        for row in analysis.item_versions
         if base_name(row.item) in changed
     ]
     if asked:
         yield f"Items were changed during the study: {'; '.join(asked)}. Versions are analysed separately."
 
 
-def _analysis(analysis: Analysis) -> Iterator[str]:
-    plan = analysis.plan
+def _analysis(analysis: StudyAnalysis) -> Iterator[str]:
+    plan = analysis.frozen_plan
     if plan is None:
         yield "Nothing was preregistered: all tests are exploratory."
     elif plan.plan is None:
-        yield f"The record of a frozen plan is missing or damaged: {placeholder('the frozen plan')}"
+        yield f"The record of a frozen plan is missing or damaged: {missing_text_placeholder('the frozen plan')}"
     else:
-        rationale = plan.plan.sample_size_rationale or placeholder("reason for this number of participants")
+        rationale = plan.plan.sample_size_rationale or missing_text_placeholder(
+            "reason for this number of participants"
+        )
         yield (
             f"{plan.origin_text} The frozen record has the SHA-256 {plan.record_sha256}. "
             f"{plan.plan.participants} participants were planned: {rationale}"
@@ -325,35 +345,35 @@ def _analysis(analysis: Analysis) -> Iterator[str]:
         "results are sensitivity analyses, secondary or, by trial as in the paper of AVR Gym, a supplement. With fewer "
         f"than {MIN_PARTICIPANTS} participants there are no tests."
     )
-    yield from MODELS_METHOD
+    yield from MODELS_METHOD_TEXT
 
 
-def _other_corrections(analysis: Analysis) -> str:
+def _other_corrections(analysis: StudyAnalysis) -> str:
     """Returns a text about the correction of models and unpaired tests; empty without a confirmatory plan.
 
     Only with a plan, models and unpaired tests can be primary results.
     """
-    if analysis.plan is None or analysis.plan.confirmed is None:
+    if analysis.frozen_plan is None or analysis.frozen_plan.confirmatory_plan is None:
         return ""
     return (
         "; for models and unpaired tests by Holm's method (if there are also paired tests, each p is doubled)"
     )
 
 
-def _which_are_primary(analysis: Analysis) -> str:
-    if analysis.plan is not None and analysis.plan.confirmed is not None:
+def _which_are_primary(analysis: StudyAnalysis) -> str:
+    if analysis.frozen_plan is not None and analysis.frozen_plan.confirmatory_plan is not None:
         return "the tests of the plan's hypotheses"
     return "differences between policies, the first answer against the midpoint of its scale, and changes over sessions"
 
 
-def _deviations(analysis: Analysis) -> list[str]:
-    if analysis.plan is None:
+def _deviations(analysis: StudyAnalysis) -> list[str]:
+    if analysis.frozen_plan is None:
         return ["There was no plan to deviate from."]
-    found = [f"{each.where}: {each.message}." for each in analysis.plan.deviations]
+    found = [f"{each.where}: {each.message}." for each in analysis.frozen_plan.deviations]
     return found or ["None."]
 
 
-def main_flow(analysis: Analysis) -> ParticipantFlow | None:
+def main_flow(analysis: StudyAnalysis) -> ParticipantFlow | None:
     """Returns the participant flow of people; without people, that of simulated participants.
 
     Returns ``None`` without participants.

@@ -4,13 +4,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from avrgym.analysis.models.effects import POLICIES
+from avrgym.analysis.models.effects import POLICY_EFFECT
 from avrgym.analysis.models.section import effect_text
-from avrgym.analysis.page.comparisons import n_text
-from avrgym.analysis.page.elements import interval_text, number_text, p_text, short_number
-from avrgym.analysis.primary import PRIMARY_CAPTION, PRIMARY_HEADS, PRIMARY_NUMERIC_COLUMNS, primary_rows
-from avrgym.analysis.statistics.comparisons import PARTICIPANT, PRIMARY
-from avrgym.analysis.study import Analysis
+from avrgym.analysis.page.comparisons import sample_size_text
+from avrgym.analysis.page.elements import effect_size_text, number_text, p_text, short_number
+from avrgym.analysis.primary import (
+    PRIMARY_CAPTION,
+    PRIMARY_COLUMN_HEADINGS,
+    PRIMARY_NUMERIC_COLUMNS,
+    primary_rows,
+)
+from avrgym.analysis.statistics.comparisons import PARTICIPANT_UNIT, PRIMARY
+from avrgym.analysis.study import StudyAnalysis
 
 
 @dataclass(frozen=True)
@@ -19,12 +24,12 @@ class PublicationTable:
 
     name: str
     caption: str
-    heads: Sequence[str]
+    column_headings: Sequence[str]
     rows: Sequence[Sequence[object]]
-    numbers: Sequence[int]
+    numeric_columns: Sequence[int]
 
 
-def publication_tables(analysis: Analysis, simulated: bool) -> Iterator[PublicationTable]:
+def publication_tables(analysis: StudyAnalysis, simulated: bool) -> Iterator[PublicationTable]:
     """Yields the tables of one group that have rows. Captions of simulated participants are marked."""
     for table in (
         _participants_table,
@@ -43,8 +48,8 @@ def _group_caption(caption: str, simulated: bool) -> str:
     return f"{caption} (SIMULATED PARTICIPANTS)" if simulated else caption
 
 
-def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable:
-    people = analysis.observed.analysed_people(simulated=simulated)
+def _participants_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
+    people = analysis.study_data.analysed_participants(simulated=simulated)
     rows: list[tuple[object, ...]] = []
     for sex in dict.fromkeys(row.sex for row in people):
         own = [row for row in people if row.sex == sex]
@@ -59,7 +64,7 @@ def _participants_table(analysis: Analysis, simulated: bool) -> PublicationTable
     )
 
 
-def _functioning_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+def _functioning_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     """Returns the table of functioning, for people only.
 
     Counts below five are suppressed. Counts that would allow to compute a suppressed count are suppressed, too.
@@ -78,14 +83,14 @@ def _spread(values: Sequence[float], digits: int) -> str:
     return f"{fmean(values):.{max(digits, 1)}f} ({ends})"
 
 
-def _outcomes_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+def _outcomes_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     rows = [
         (
             row.task, row.robot, row.policy, row.trials,
             _interval(row.reward_mean, row.reward_low, row.reward_high, 1, 1),
             _interval(row.success_rate, row.success_low, row.success_high, 100, 0),
         )
-        for row in analysis.objective
+        for row in analysis.objective_outcomes
         if row.simulated is simulated
     ]  # fmt: skip
     heads = ("Task", "Robot", "Policy", "Trials", "Reward [95 %]", "Success / % [95 %]")
@@ -101,38 +106,42 @@ def _interval(mean: float | None, low: float | None, high: float | None, factor:
     return number_text(factor * mean, digits=digits) + (f" [{', '.join(ends)}]" if ends else "")
 
 
-def _primary_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+def _primary_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     rows = primary_rows(analysis.tests, analysis.models, simulated)
     return PublicationTable(
-        "primary", _group_caption(PRIMARY_CAPTION, simulated), PRIMARY_HEADS, rows, PRIMARY_NUMERIC_COLUMNS
+        "primary",
+        _group_caption(PRIMARY_CAPTION, simulated),
+        PRIMARY_COLUMN_HEADINGS,
+        rows,
+        PRIMARY_NUMERIC_COLUMNS,
     )
 
 
-def _tests_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+def _tests_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     """Returns the table of all tests by participant that are not primary results."""
     rows = [
         (
-            row.family, row.quantity, f"{row.group_a} / {row.group_b}", n_text(row),
+            row.family, row.quantity, f"{row.group_a} / {row.group_b}", sample_size_text(row),
             f"{short_number(row.median_a)} / {short_number(row.median_b)}",
-            interval_text(row.effect, row.effect_low, row.effect_high), p_text(row.p), p_text(row.p_holm),
+            effect_size_text(row.effect, row.effect_low, row.effect_high), p_text(row.p), p_text(row.p_holm),
             row.role,
         )
         for row in analysis.tests
-        if row.simulated is simulated and row.unit == PARTICIPANT and row.role != PRIMARY
+        if row.simulated is simulated and row.unit == PARTICIPANT_UNIT and row.role != PRIMARY
     ]  # fmt: skip
     heads = ("Family", "What", "Groups", "n", "Medians", "Effect [95 %]", "p", "p, Holm", "Role")
     caption = _group_caption("Other tests by participant: no primary results", simulated)
     return PublicationTable("tests", caption, heads, rows, (3, 4, 5, 6, 7))
 
 
-def _models_table(analysis: Analysis, simulated: bool) -> PublicationTable:
+def _models_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     rows = [
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.model, row.participants, effect_text(row),
             p_text(row.p), p_text(row.p_holm), row.role, row.plan_status, row.note,
         )
         for row in analysis.models
-        if row.simulated is simulated and row.effect == POLICIES
+        if row.simulated is simulated and row.effect == POLICY_EFFECT
     ]  # fmt: skip
     heads = ("What", "Groups", "Model", "n", "Effect [95 %]", "p", "p, Holm", "Role", "By plan", "Remark")
     return PublicationTable(
@@ -151,7 +160,7 @@ LATEX_ESCAPES = {
 }  # fmt: skip
 
 
-def latex_text(text: object) -> str:
+def escape_latex(text: object) -> str:
     """Returns the text with special characters escaped for LaTeX."""
     return "".join(LATEX_ESCAPES.get(letter, letter) for letter in str(text))
 
@@ -161,11 +170,11 @@ def latex_table(
 ) -> str:
     """Returns a LaTeX table. ``numbers``: indices of the right-aligned columns."""
     columns = "".join("r" if column in numbers else "l" for column in range(len(heads)))
-    lines = [" & ".join(latex_text(cell) for cell in row) + r" \\" for row in (heads, *rows)]
+    lines = [" & ".join(escape_latex(cell) for cell in row) + r" \\" for row in (heads, *rows)]
     return "\n".join(
         [
             r"\begin{table}",
-            rf"\caption{{{latex_text(caption)}}}",
+            rf"\caption{{{escape_latex(caption)}}}",
             rf"\begin{{tabular}}{{{columns}}}",
             r"\toprule",
             lines[0],

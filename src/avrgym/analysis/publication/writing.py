@@ -6,19 +6,34 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from avrgym.analysis.flow import ParticipantFlow, flow_chart
-from avrgym.analysis.page.elements import Markup, badge, figure, join, table, tag, warning_box, write_page
-from avrgym.analysis.publication.checklist import ChecklistField, checklist
-from avrgym.analysis.publication.codebook import codebook, data_package, json_schema
-from avrgym.analysis.publication.methods import SIMULATED, Sections, main_flow, markdown, methods
+from avrgym.analysis.page.elements import (
+    Markup,
+    badge,
+    figure,
+    join_markup,
+    table,
+    tag,
+    warning_box,
+    write_html_page,
+)
+from avrgym.analysis.publication.checklist import ChecklistField, checklist_fields
+from avrgym.analysis.publication.codebook import analysis_codebook_rows, data_package, json_schema
+from avrgym.analysis.publication.methods import (
+    SIMULATED_DATA_TEXT,
+    MethodsSections,
+    main_flow,
+    methods_markdown,
+    methods_sections,
+)
 from avrgym.analysis.publication.tables import PublicationTable, latex_table, publication_tables
-from avrgym.analysis.study import Analysis
-from avrgym.study.export import NOTICE
+from avrgym.analysis.study import StudyAnalysis
+from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.table_files import write_csv
 
-FOLDER = "reporting"
+PUBLICATION_FOLDER = "reporting"
 PAGE_FILE = "index.html"
-DATA_PACKAGE = "datapackage.json"
-MISSING_PATTERN = re.compile(r"(\[MISSING: [^\]]*\])")
+DATA_PACKAGE_FILE = "datapackage.json"
+PLACEHOLDER_PATTERN = re.compile(r"(\[MISSING: [^\]]*\])")
 NO_PARTICIPANTS_TEXT = "The study has no participants yet; there is nothing to report."
 FILES_TEXT = (
     "In this folder: methods.md, the same text; flow-*.svg and flow-*.pdf; *.tex, the tables for LaTeX with the "
@@ -27,45 +42,45 @@ FILES_TEXT = (
 )
 
 
-def write_publication_files(analysis: Analysis, folder: Path, tables: Path) -> None:
+def write_publication_files(analysis: StudyAnalysis, folder: Path, tables: Path) -> None:
     """Write the publication files into the new ``folder``. Write ``datapackage.json`` into the folder ``tables``."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
     flow = main_flow(analysis)
     if flow is None:
-        write_page(folder / PAGE_FILE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
+        write_html_page(folder / PAGE_FILE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
         return
-    sections, asked = methods(analysis, flow), checklist(analysis, flow)
-    (folder / "methods.md").write_text(markdown(analysis.design.title, sections), encoding="utf-8")
+    sections, asked = methods_sections(analysis, flow), checklist_fields(analysis, flow)
+    (folder / "methods.md").write_text(methods_markdown(analysis.design.title, sections), encoding="utf-8")
     write_csv(folder / "checklist.csv", (_checked(each) for each in asked))
     shown: list[PublicationTable] = []
     for each in analysis.flows:
         group = "simulated" if each.simulated else "people"
         flow_chart(each).write(folder)
         for own in publication_tables(analysis, each.simulated):
-            text = latex_table(own.caption, own.heads, own.rows, own.numbers)
+            text = latex_table(own.caption, own.column_headings, own.rows, own.numeric_columns)
             (folder / f"{own.name}-{group}.tex").write_text(text, encoding="utf-8")
             shown.append(own)
-    write_page(
+    write_html_page(
         folder / PAGE_FILE, _title(analysis), _header(analysis), _main(analysis, sections, asked, shown)
     )
 
 
-def _write_codebook(analysis: Analysis, folder: Path, tables: Path) -> None:
+def _write_codebook(analysis: StudyAnalysis, folder: Path, tables: Path) -> None:
     every, title = list(analysis.tables()), analysis.design.title
-    write_csv(folder / "codebook.csv", codebook(every))
+    write_csv(folder / "codebook.csv", analysis_codebook_rows(every))
     for path, content in (
         (folder / "schema.json", json_schema(every, title)),
-        (tables / DATA_PACKAGE, data_package(every, title, NOTICE)),
+        (tables / DATA_PACKAGE_FILE, data_package(every, title, PRIVACY_NOTICE)),
     ):
         path.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def _title(analysis: Analysis) -> str:
+def _title(analysis: StudyAnalysis) -> str:
     return f"{analysis.design.title}: reporting"
 
 
-def _header(analysis: Analysis) -> list[Markup]:
+def _header(analysis: StudyAnalysis) -> list[Markup]:
     simulated = any(flow.simulated for flow in analysis.flows)
     about = "Results of simulated participants are marked and never combined with those of people."
     return [
@@ -76,7 +91,10 @@ def _header(analysis: Analysis) -> list[Markup]:
 
 
 def _main(
-    analysis: Analysis, sections: Sections, asked: Sequence[ChecklistField], shown: Sequence[PublicationTable]
+    analysis: StudyAnalysis,
+    sections: MethodsSections,
+    asked: Sequence[ChecklistField],
+    shown: Sequence[PublicationTable],
 ) -> list[Markup]:
     return [
         tag("section", tag("h2", "Methods"), *_methods(sections), id="methods"),
@@ -85,13 +103,13 @@ def _main(
         tag(
             "section",
             tag("h2", "Tables"),
-            *(table(each.caption, each.heads, each.rows, each.numbers) for each in shown),
+            *(table(each.caption, each.column_headings, each.rows, each.numeric_columns) for each in shown),
             id="tables",
         ),
     ]
 
 
-def _methods(sections: Sections) -> list[Markup]:
+def _methods(sections: MethodsSections) -> list[Markup]:
     parts: list[Markup] = []
     for heading, paragraphs in sections.items():
         parts += [tag("h3", heading)] if heading else []
@@ -100,9 +118,9 @@ def _methods(sections: Sections) -> list[Markup]:
 
 
 def _paragraph(text: str) -> Markup:
-    if text == SIMULATED:
+    if text == SIMULATED_DATA_TEXT:
         return badge(text)
-    pieces = MISSING_PATTERN.split(text)
+    pieces = PLACEHOLDER_PATTERN.split(text)
     return tag("p", *(_missing(piece) if number % 2 else piece for number, piece in enumerate(pieces)))
 
 
@@ -112,7 +130,7 @@ def _missing(text: str) -> Markup:
 
 def _flow(flow: ParticipantFlow) -> Markup:
     drawing = flow_chart(flow)
-    return figure(drawing.inline(), drawing.caption)
+    return figure(drawing.to_inline_svg(), drawing.caption)
 
 
 def _asked(asked: Sequence[ChecklistField]) -> Markup:
@@ -122,7 +140,7 @@ def _asked(asked: Sequence[ChecklistField]) -> Markup:
     ]
     words = f"{lacking} of {len(asked)} fields are missing." if lacking else "No field is missing."
     shown = table("Recommended fields of a publication", ("Field", "Value", "Source"), rows, numbers=())
-    return join([tag("p", words), shown])
+    return join_markup([tag("p", words), shown])
 
 
 def _checked(asked: ChecklistField) -> dict[str, object]:

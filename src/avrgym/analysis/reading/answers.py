@@ -3,17 +3,17 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
-from avrgym.analysis.reading.rows import AnswerRow, ProblemRow, ScoreRow
-from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_MOMENTS
+from avrgym.analysis.reading.rows import AnswerRow, DataProblemRow, ScoreRow
+from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_QUESTION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import PARTICIPATING
+from avrgym.study.storage.states import PARTICIPATING_STATES
 from avrgym.study.storage.store import Store
 
-ANSWER_COLUMNS = {column.name for column in fields(AnswerRow)}
-SCORE_COLUMNS = {column.name for column in fields(ScoreRow)}
+ANSWER_COLUMN_NAMES = {column.name for column in fields(AnswerRow)}
+SCORE_COLUMN_NAMES = {column.name for column in fields(ScoreRow)}
 
 
 class ParticipantAnswers:
@@ -29,35 +29,39 @@ class ParticipantAnswers:
     ) -> None:
         self._store, self._participant, self._answered_items = store, participant, answered_items
         self._answers = answers_of(store, participant, attempts, answered_items)
-        takes_part = participant.state in PARTICIPATING
+        takes_part = participant.state in PARTICIPATING_STATES
         self._compared = _compared(self._answers) if takes_part else set[int]()
-        of_trials = {each.stored.id for each in self._answers if _is_of_trial(each, counted_positions)}
+        of_trials = {each.stored_answer.id for each in self._answers if _is_of_trial(each, counted_positions)}
         self._counted = of_trials | self._compared
 
     def rows(self) -> Iterator[AnswerRow]:
         """Yields a row for each answer of the participant, in order of time."""
         for answer in self._answers:
-            columns = {name: value for name, value in vars(answer.row()).items() if name in ANSWER_COLUMNS}
-            yield AnswerRow(counted=answer.stored.id in self._counted, **columns)
+            columns = {
+                name: value for name, value in vars(answer.to_row()).items() if name in ANSWER_COLUMN_NAMES
+            }
+            yield AnswerRow(counted=answer.stored_answer.id in self._counted, **columns)
 
     def scores(self) -> Iterator[ScoreRow]:
         """Yields a row for each score of the participant. A score is analysed if all its answers are analysed."""
         for score in scores_of(self._store, self._participant, self._answers, self._answered_items):
-            counted = all(answer.stored.id in self._counted for answer in score.answers)
-            columns = {name: value for name, value in vars(score.row()).items() if name in SCORE_COLUMNS}
+            counted = all(answer.stored_answer.id in self._counted for answer in score.answers)
+            columns = {
+                name: value for name, value in vars(score.to_row()).items() if name in SCORE_COLUMN_NAMES
+            }
             yield ScoreRow(counted=counted, **columns)
 
-    def problems(self) -> Iterator[ProblemRow]:
+    def problems(self) -> Iterator[DataProblemRow]:
         """Yields a problem for each moment (before or after sessions) with several answers to the same item."""
-        if self._participant.state not in PARTICIPATING:
+        if self._participant.state not in PARTICIPATING_STATES:
             return
-        for moment in SESSION_MOMENTS:
+        for moment in SESSION_QUESTION_MOMENTS:
             given = [answer for answer in self._answers if answer.moment == moment]
-            again = [answer for answer in given if answer.stored.id not in self._compared]
+            again = [answer for answer in given if answer.stored_answer.id not in self._compared]
             if again:
-                items = ", ".join(dict.fromkeys(answer.stored.item for answer in again))
+                items = ", ".join(dict.fromkeys(answer.stored_answer.item for answer in again))
                 sessions = " and ".join(str(n) for n in sorted({each.session.number for each in given}))
-                yield ProblemRow(
+                yield DataProblemRow(
                     simulated=self._participant.simulated,
                     where=self._participant.pseudonym,
                     what=f"answered {items} {moment.replace('_', ' ')} more than once, in sessions {sessions}",
@@ -79,10 +83,12 @@ def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     For each item, these are the latest answer after a session, and the latest answer before that session. Of answers
     after breaks and of caregivers, all are analysed.
     """
-    before, after = SESSION_MOMENTS
-    ids = {answer.stored.id for answer in answers if answer.moment in FURTHER_MOMENTS}
-    for item in {answer.stored.item for answer in answers}:
-        own = {answer.stored.id: answer.moment for answer in answers if answer.stored.item == item}
+    before, after = SESSION_QUESTION_MOMENTS
+    ids = {answer.stored_answer.id for answer in answers if answer.moment in FURTHER_MOMENTS}
+    for item in {answer.stored_answer.item for answer in answers}:
+        own = {
+            answer.stored_answer.id: answer.moment for answer in answers if answer.stored_answer.item == item
+        }
         last = max((each for each in own if own[each] == after), default=None)
         first = [each for each in own if own[each] == before and (last is None or each < last)]
         ids |= {each for each in (last, max(first, default=None)) if each is not None}

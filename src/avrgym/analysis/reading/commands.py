@@ -3,18 +3,18 @@
 from dataclasses import dataclass
 from typing import Annotated
 
-from avrgym.analysis.columns import AT_LEAST_0, SHARE, PolicyName, Position, RobotName, TaskName
+from avrgym.analysis.columns import AT_LEAST_0, SHARE, PolicyName, RobotName, TaskName, TrialPosition
 from avrgym.analysis.reading.rows import ParticipantColumns, TrialRow
 from avrgym.commands.vocabulary import COMMAND_NAMES
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Pacing, RobotCommand
 from avrgym.system.columns import Column
 
-AGREEMENT_STEPS = 15
+AGREEMENT_WINDOW_STEPS = 15
 """Number of control steps after a command in which the reaction of the robot is measured."""
-MIN_MOTION_M = 0.01
+MIN_DISTANCE_CHANGE_M = 0.01
 """Minimum change of the distance between tool and target. A smaller change is ignored."""
-MIN_APPROACH_DISTANCE_M = 0.05
+NEAR_DISTANCE_M = 0.05
 """Distance below which the tool is considered near the target: it cannot approach much further."""
 _AVERAGE = "no command was given"
 
@@ -26,7 +26,7 @@ class CommandRow(ParticipantColumns):
     Trials without commands and without the participant's preferences have no row.
     """
 
-    position: Position
+    position: TrialPosition
     task: TaskName
     robot: RobotName
     policy: PolicyName
@@ -55,10 +55,10 @@ class CommandRow(ParticipantColumns):
 
 def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
     """Returns the row of a trial; ``None`` if the trial had no commands and no preferences."""
-    pacing: list[Pacing] = [record for _, record in recording.topics["/pacing"]]
+    pacing: list[Pacing] = [record for _, record in recording.messages_by_topic["/pacing"]]
     if recording.configuration.rules is None or not pacing:
         return None
-    given: list[RobotCommand] = [record for _, record in recording.topics["/robot_commands"]]
+    given: list[RobotCommand] = [record for _, record in recording.messages_by_topic["/robot_commands"]]
     executed = [command for command in given if not command.refusal]
     agreed = [_agrees(command, pacing) for command in executed]
     waiting = sum(record.mode == "waiting" for record in pacing)
@@ -92,17 +92,17 @@ def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
     Approach commands: the tool approaches, or is near. Waiting commands: the tool does not approach. Speed commands:
     the speed factor changes, or is at its limit.
     """
-    after = pacing[command.step : command.step + AGREEMENT_STEPS]
+    after = pacing[command.step : command.step + AGREEMENT_WINDOW_STEPS]
     if not after:
         return command.name == "stop"
     before = pacing[max(command.step - 1, 0)]
     nearest_m, last_m = min(record.gap_m for record in after), after[-1].gap_m
     match command.name:
         case "ready" | "again" | "closer":
-            return nearest_m < before.gap_m - MIN_MOTION_M or nearest_m < MIN_APPROACH_DISTANCE_M
+            return nearest_m < before.gap_m - MIN_DISTANCE_CHANGE_M or nearest_m < NEAR_DISTANCE_M
         case "slower":
             return after[0].speed_factor < before.speed_factor or not command.effective
         case "faster":
             return after[0].speed_factor > before.speed_factor or not command.effective
         case _:
-            return last_m > before.gap_m - MIN_MOTION_M
+            return last_m > before.gap_m - MIN_DISTANCE_CHANGE_M

@@ -10,60 +10,73 @@ from typing import Annotated
 from avrgym.analysis.columns import (
     AT_LEAST_0,
     SHARE,
+    IsPractice,
     IsSimulated,
-    Moment,
     PolicyName,
-    Position,
-    Practice,
     Pseudonym,
+    QuestionMoment,
     RobotName,
-    Session,
-    Site,
+    SessionNumber,
+    SiteName,
     TaskName,
+    TrialPosition,
 )
 from avrgym.recording.streams import StreamQuality
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
-ALL = "all"
+ALL_LABEL = "all"
 """Label in the column task or robot: all tasks together, or all robots together."""
-NOT_COMPLETED = "the trial is not completed"
-NO_RECORDING = "no complete recording contains it"
-_PARTICIPANTS, _TRIALS, _ATTEMPTS = TABLES["participants"], TABLES["trials"], TABLES["attempts"]
-_ANSWERS, _SCORES = TABLES["answers"], TABLES["scores"]
-State = Annotated[str, _PARTICIPANTS["state"]]
+NOT_COMPLETED_TEXT = "the trial is not completed"
+NO_RECORDING_TEXT = "no complete recording contains it"
+_PARTICIPANTS, _TRIALS, _ATTEMPTS = (
+    COLUMNS_BY_TABLE["participants"],
+    COLUMNS_BY_TABLE["trials"],
+    COLUMNS_BY_TABLE["attempts"],
+)
+_ANSWERS, _SCORES = COLUMNS_BY_TABLE["answers"], COLUMNS_BY_TABLE["scores"]
+ParticipantState = Annotated[str, _PARTICIPANTS["state"]]
 Sex = Annotated[str, _PARTICIPANTS["sex"]]
-Attempts = Annotated[int, Column("Number of attempts.", allowed=AT_LEAST_0)]
-AttemptsNotCompleted = Annotated[
+AttemptCount = Annotated[int, Column("Number of attempts.", allowed=AT_LEAST_0)]
+IncompleteAttemptCount = Annotated[
     int, Column("Number of attempts that did not complete their trial.", allowed=AT_LEAST_0)
 ]
-Counted = Annotated[bool, Column("Whether the analyses include it.")]
+IsAnalysed = Annotated[bool, Column("Whether the analyses include it.")]
 TorsoHeight = Annotated[
     float | None,
-    Column("Calibrated torso height, from hip bone to centre of the head.", unit="m", empty=NO_RECORDING),
+    Column(
+        "Calibrated torso height, from hip bone to centre of the head.", unit="m", empty=NO_RECORDING_TEXT
+    ),
 ]
-Distance = Annotated[
-    float | None, Column("Smallest distance to the target.", "", "m", AT_LEAST_0, NO_RECORDING)
+MinTargetDistance = Annotated[
+    float | None, Column("Smallest distance to the target.", "", "m", AT_LEAST_0, NO_RECORDING_TEXT)
 ]
 MeanForce = Annotated[
-    float | None, Column("Mean force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING)
+    float | None,
+    Column("Mean force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING_TEXT),
 ]
 PeakForce = Annotated[
-    float | None, Column("Largest force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING)
-]
-HeadPosition = Annotated[
     float | None,
-    Column("Head centre on this axis of the world frame: mean over the trial.", unit="m", empty=NO_RECORDING),
+    Column("Largest force of robot and tool on the person.", "", "N", AT_LEAST_0, NO_RECORDING_TEXT),
 ]
-WaistMean = Annotated[
-    float | None, Column("Waist angle about this axis: mean over the trial.", unit="°", empty=NO_RECORDING)
+MeanHeadCoordinate = Annotated[
+    float | None,
+    Column(
+        "Head centre on this axis of the world frame: mean over the trial.", unit="m", empty=NO_RECORDING_TEXT
+    ),
 ]
-WaistMinimum = Annotated[
-    float | None, Column("Waist angle about this axis: minimum in the trial.", unit="°", empty=NO_RECORDING)
+MeanWaistAngle = Annotated[
+    float | None,
+    Column("Waist angle about this axis: mean over the trial.", unit="°", empty=NO_RECORDING_TEXT),
 ]
-WaistMaximum = Annotated[
-    float | None, Column("Waist angle about this axis: maximum in the trial.", unit="°", empty=NO_RECORDING)
+MinWaistAngle = Annotated[
+    float | None,
+    Column("Waist angle about this axis: minimum in the trial.", unit="°", empty=NO_RECORDING_TEXT),
+]
+MaxWaistAngle = Annotated[
+    float | None,
+    Column("Waist angle about this axis: maximum in the trial.", unit="°", empty=NO_RECORDING_TEXT),
 ]
 
 
@@ -72,7 +85,7 @@ class ParticipantColumns:
     """The first columns of each row about a participant."""
 
     participant: Pseudonym
-    site: Site = None
+    site: SiteName = None
     simulated: IsSimulated
 
 
@@ -81,7 +94,7 @@ class ParticipantRow(ParticipantColumns):
     """A participant. There are also rows for withdrawn participants."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
-    state: State
+    state: ParticipantState
     sex: Sex
     age_years: Annotated[int | None, _PARTICIPANTS["age_years"]]
     language: Annotated[str, _PARTICIPANTS["language"]]
@@ -90,7 +103,7 @@ class ParticipantRow(ParticipantColumns):
         Column(
             "Calibrated torso height, from hip bone to centre of the head: median over analysed trials.",
             unit="m",
-            empty=NO_RECORDING,
+            empty=NO_RECORDING_TEXT,
         ),
     ]
     sessions: Annotated[int, Column("Number of sessions.", allowed=AT_LEAST_0)]
@@ -99,26 +112,26 @@ class ParticipantRow(ParticipantColumns):
     trials_missing: Annotated[
         int, Column("Number of planned trials that were not completed.", allowed=AT_LEAST_0)
     ]
-    attempts: Attempts
-    attempts_not_completed: AttemptsNotCompleted
+    attempts: AttemptCount
+    attempts_not_completed: IncompleteAttemptCount
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(ParticipantColumns):
     """A planned trial, with the outcome of its completed attempt. There are also rows for trials that were not run."""
 
-    participant_state: State
+    participant_state: ParticipantState
     sex: Sex
-    position: Position
-    practice: Practice
+    position: TrialPosition
+    practice: IsPractice
     task: TaskName
     robot: RobotName
     policy: PolicyName
     seed: Annotated[int, _TRIALS["seed"]]
     state: Annotated[str, _TRIALS["state"]]
-    attempts: Attempts
-    attempts_not_completed: AttemptsNotCompleted
-    counted: Counted
+    attempts: AttemptCount
+    attempts_not_completed: IncompleteAttemptCount
+    counted: IsAnalysed
     left_out: Annotated[
         str | None,
         Column(
@@ -131,26 +144,26 @@ class TrialRow(ParticipantColumns):
         Column(
             "Share of the robot's time with lost or jumped tracking, in which the body model does not move.",
             allowed=SHARE,
-            empty=NO_RECORDING,
+            empty=NO_RECORDING_TEXT,
         ),
     ] = None
-    steps: Annotated[int | None, replace(_ATTEMPTS["steps"], empty=NOT_COMPLETED)] = None
-    reward: Annotated[float | None, replace(_ATTEMPTS["reward"], empty=NOT_COMPLETED)] = None
-    success: Annotated[bool | None, replace(_ATTEMPTS["success"], empty=NOT_COMPLETED)] = None
-    seconds: Annotated[float | None, replace(_ATTEMPTS["seconds"], empty=NOT_COMPLETED)] = None
-    recording: Annotated[str | None, replace(_ATTEMPTS["recording"], empty=NOT_COMPLETED)] = None
+    steps: Annotated[int | None, replace(_ATTEMPTS["steps"], empty=NOT_COMPLETED_TEXT)] = None
+    reward: Annotated[float | None, replace(_ATTEMPTS["reward"], empty=NOT_COMPLETED_TEXT)] = None
+    success: Annotated[bool | None, replace(_ATTEMPTS["success"], empty=NOT_COMPLETED_TEXT)] = None
+    seconds: Annotated[float | None, replace(_ATTEMPTS["seconds"], empty=NOT_COMPLETED_TEXT)] = None
+    recording: Annotated[str | None, replace(_ATTEMPTS["recording"], empty=NOT_COMPLETED_TEXT)] = None
     recorded: Annotated[
         str | None,
         Column(
             "State of the recording.",
             allowed="whole, changed, cut off, missing, unreadable, without a body, contradictory",
-            empty=NOT_COMPLETED,
+            empty=NOT_COMPLETED_TEXT,
         ),
     ] = None
     reward_recorded: Annotated[
-        float | None, Column("Sum of the rewards in the recording.", empty=NO_RECORDING)
+        float | None, Column("Sum of the rewards in the recording.", empty=NO_RECORDING_TEXT)
     ] = None
-    distance_min_m: Distance = None
+    distance_min_m: MinTargetDistance = None
     force_mean_n: MeanForce = None
     force_peak_n: PeakForce = None
     guard_interventions: Annotated[
@@ -164,27 +177,27 @@ class TrialRow(ParticipantColumns):
         ),
     ] = None
     torso_height_m: TorsoHeight = None
-    head_x_m: HeadPosition = None
-    head_y_m: HeadPosition = None
-    head_z_m: HeadPosition = None
-    waist_x_deg: WaistMean = None
-    waist_x_min_deg: WaistMinimum = None
-    waist_x_max_deg: WaistMaximum = None
-    waist_y_deg: WaistMean = None
-    waist_y_min_deg: WaistMinimum = None
-    waist_y_max_deg: WaistMaximum = None
-    waist_z_deg: WaistMean = None
-    waist_z_min_deg: WaistMinimum = None
-    waist_z_max_deg: WaistMaximum = None
+    head_x_m: MeanHeadCoordinate = None
+    head_y_m: MeanHeadCoordinate = None
+    head_z_m: MeanHeadCoordinate = None
+    waist_x_deg: MeanWaistAngle = None
+    waist_x_min_deg: MinWaistAngle = None
+    waist_x_max_deg: MaxWaistAngle = None
+    waist_y_deg: MeanWaistAngle = None
+    waist_y_min_deg: MinWaistAngle = None
+    waist_y_max_deg: MaxWaistAngle = None
+    waist_z_deg: MeanWaistAngle = None
+    waist_z_min_deg: MinWaistAngle = None
+    waist_z_max_deg: MaxWaistAngle = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class AttemptRow(ParticipantColumns):
     """An attempt to run a trial, with its outcome from the database."""
 
-    session: Session
-    position: Position
-    practice: Practice
+    session: SessionNumber
+    position: TrialPosition
+    practice: IsPractice
     task: TaskName
     robot: RobotName
     policy: PolicyName
@@ -201,9 +214,9 @@ class AttemptRow(ParticipantColumns):
 class _AnswerColumns(ParticipantColumns):
     """Columns with the session, moment, questionnaire and trial of an answer."""
 
-    counted: Counted
-    session: Session
-    moment: Moment
+    counted: IsAnalysed
+    session: SessionNumber
+    moment: QuestionMoment
     respondent: Annotated[str, _ANSWERS["respondent"]]
     questionnaire: Annotated[
         str | None, replace(_ANSWERS["questionnaire"], empty="the design has no such item")
@@ -248,10 +261,10 @@ class ScoreRow(_AnswerColumns):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TermRow(ParticipantColumns):
+class RewardTermRow(ParticipantColumns):
     """One reward term, summed over a trial."""
 
-    position: Position
+    position: TrialPosition
     term: Annotated[str, Column("Name of the reward term.")]
     sum: Annotated[float, Column("Sum over the trial, not weighted.")]
     weight: Annotated[float | None, Column("Weight of the term.", empty="not recorded")]
@@ -259,7 +272,7 @@ class TermRow(ParticipantColumns):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProblemRow:
+class DataProblemRow:
     """A problem in the data of a study, and its consequence for the analysis."""
 
     simulated: Annotated[
@@ -275,6 +288,6 @@ class StreamRow(StreamQuality):
     """Quality of the sample times of one stream, in the recording of one completed trial."""
 
     participant: Pseudonym
-    site: Site = None
+    site: SiteName = None
     simulated: IsSimulated
-    position: Position
+    position: TrialPosition

@@ -14,11 +14,11 @@ from avrgym.analysis.reading.commands import CommandRow, command_row
 from avrgym.analysis.reading.rows import (
     AnswerRow,
     AttemptRow,
+    DataProblemRow,
     ParticipantRow,
-    ProblemRow,
+    RewardTermRow,
     ScoreRow,
     StreamRow,
-    TermRow,
     TrialRow,
 )
 from avrgym.analysis.reading.trial_series import (
@@ -36,17 +36,19 @@ from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_l
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.plan.exclusion_rules import violations
 from avrgym.study.plan.frozen_plan import read_frozen_plan
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
+from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
-from avrgym.study.storage.sites import SITE_DIFFERS
-from avrgym.study.storage.states import PARTICIPATING, StudyError
+from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
+from avrgym.study.storage.states import PARTICIPATING_STATES, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import task_and_scene
 
-RESULTS_FROM_DATABASE = "reward and success come from the database"
-NO_BIOMECHANICS = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics"
-NO_SERIES = f"{RESULTS_FROM_DATABASE}; the trial is not in the biomechanics and has no time series"
+RESULTS_FROM_DATABASE_TEXT = "reward and success come from the database"
+NO_BIOMECHANICS_TEXT = f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the biomechanics"
+NO_TIME_SERIES_TEXT = (
+    f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the biomechanics and has no time series"
+)
 TrialKey = tuple[str, int]
 """Key of a trial: (pseudonym of the participant, position of the trial)."""
 
@@ -64,28 +66,28 @@ class StudyData:
     attempts: list[AttemptRow] = field(default_factory=list[AttemptRow])
     answers: list[AnswerRow] = field(default_factory=list[AnswerRow])
     scores: list[ScoreRow] = field(default_factory=list[ScoreRow])
-    terms: list[TermRow] = field(default_factory=list[TermRow])
+    reward_terms: list[RewardTermRow] = field(default_factory=list[RewardTermRow])
     streams: list[StreamRow] = field(default_factory=list[StreamRow])
     commands: list[CommandRow] = field(default_factory=list[CommandRow])
-    problems: list[ProblemRow] = field(default_factory=list[ProblemRow])
-    series: dict[TrialKey, TrialSeries] = field(default_factory=dict[TrialKey, TrialSeries])
-    latencies: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
+    problems: list[DataProblemRow] = field(default_factory=list[DataProblemRow])
+    trial_series: dict[TrialKey, TrialSeries] = field(default_factory=dict[TrialKey, TrialSeries])
+    latencies_by_trial: dict[TrialKey, list[Latency]] = field(default_factory=dict[TrialKey, list[Latency]])
     plugins: list[RecordedPlugin] = field(default_factory=list[RecordedPlugin])
 
     @property
-    def analysed(self) -> set[str]:
+    def analysed_pseudonyms(self) -> set[str]:
         """Returns the pseudonyms of all participants with an analysed trial or an analysed answer."""
         return {row.participant for row in (*self.trials, *self.answers) if row.counted}
 
-    def analysed_people(self, *, simulated: bool) -> list[ParticipantRow]:
+    def analysed_participants(self, *, simulated: bool) -> list[ParticipantRow]:
         """Returns the rows of the analysed people, or of the analysed simulated participants if ``simulated``."""
-        analysed = self.analysed
+        analysed = self.analysed_pseudonyms
         return [
             row for row in self.participants if row.simulated is simulated and row.participant in analysed
         ]
 
 
-def read_study(
+def read_study_data(
     store: Store,
     progress: Callable[[int, int], None] = lambda done, all_: None,
     *,
@@ -108,7 +110,7 @@ def read_study(
     found = StudyData(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
-    changed = {key for key, each in completed.items() if each.is_changed()}
+    changed = {key for key, each in completed.items() if each.is_recording_changed()}
     if changed and not skip_damaged:
         raise StudyError(_refusal([each for key, each in completed.items() if key in changed]))
     for participant in store.participants():
@@ -136,7 +138,7 @@ def read_study(
 def _exclude_by_rules(store: Store, found: StudyData) -> None:
     """Exclude all trials of participants who violate an exclusion rule of the frozen plan. Report each violation."""
     frozen = read_frozen_plan(store)
-    rules = () if frozen is None or frozen.record is None else frozen.record.parsed().exclusion.rules
+    rules = () if frozen is None or frozen.record is None else frozen.record.parsed_plan().exclusion.rules
     reasons: dict[str, str] = {}
     for each in violations(store, rules):
         reasons[each.participant] = "; ".join(filter(None, (reasons.get(each.participant), each.reason)))
@@ -145,7 +147,7 @@ def _exclude_by_rules(store: Store, found: StudyData) -> None:
             found.trials[index] = replace(row, counted=False, left_out=reasons[row.participant])
     simulated = {row.participant: row.simulated for row in found.trials}
     found.problems.extend(
-        ProblemRow(
+        DataProblemRow(
             simulated=simulated[participant],
             where=participant,
             what=f"is left out: {reason}",
@@ -156,21 +158,21 @@ def _exclude_by_rules(store: Store, found: StudyData) -> None:
     )
 
 
-def _site_problems(store: Store) -> Iterator[ProblemRow]:
+def _site_problems(store: Store) -> Iterator[DataProblemRow]:
     """Yields a problem for each difference between the sites of a merged study."""
     for event in store.events():
-        if event.name == SITE_DIFFERS:
+        if event.name == SITE_DIFFERENCE_EVENT:
             what = f"were merged although {event.detail}"
-            yield ProblemRow(
+            yield DataProblemRow(
                 simulated=None, where="sites", what=what, consequence="all sites are analysed together"
             )
 
 
-def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
+def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[DataProblemRow]:
     """Yields a problem for each plug-in that differs between trials, is not installed, or was not stored."""
     for simulated in (False, True):
         for found in plugin_findings(each for each in plugins if each.simulated is simulated):
-            yield ProblemRow(
+            yield DataProblemRow(
                 simulated=simulated,
                 where=found.where,
                 what=found.message,
@@ -179,13 +181,13 @@ def _plugin_problems(plugins: Sequence[RecordedPlugin]) -> Iterator[ProblemRow]:
 
 
 def _refusal(changed: Sequence[ExportedAttempt]) -> str:
-    faults = "; ".join(f"{each.attempt.recording} {CHECKSUM_DIFFERS}" for each in changed)
+    faults = "; ".join(f"{each.attempt.recording} {CHECKSUM_MISMATCH_MESSAGE}" for each in changed)
     return f"analysis not started: {faults}; to ignore damaged recordings, use --skip-damaged"
 
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
     task, robot = trial.task, trial.robot
-    takes_part = participant.state in PARTICIPATING
+    takes_part = participant.state in PARTICIPATING_STATES
     return TrialRow(
         participant=participant.pseudonym,
         site=participant.site,
@@ -218,7 +220,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
     def tell(what: str, consequence: str) -> None:
         found.problems.append(
-            ProblemRow(
+            DataProblemRow(
                 simulated=row.simulated,
                 where=exported.attempt.recording,
                 what=what,
@@ -227,15 +229,15 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
         )
 
     if changed:
-        tell(CHECKSUM_DIFFERS, NO_SERIES)
+        tell(CHECKSUM_MISMATCH_MESSAGE, NO_TIME_SERIES_TEXT)
         return replace(row, recorded="changed")
     try:
-        recording = exported.read()
+        recording = exported.read_recording()
     except FileNotFoundError:
-        tell("is missing", NO_SERIES)
+        tell("is missing", NO_TIME_SERIES_TEXT)
         return replace(row, recorded="missing")
     except (OSError, RecordingError, StudyError) as error:
-        tell(f"cannot be read: {_without_path(error, exported)}", NO_SERIES)
+        tell(f"cannot be read: {_without_path(error, exported)}", NO_TIME_SERIES_TEXT)
         return replace(row, recorded="unreadable")
     if recording.configuration.simulated is not row.simulated:
         tell(
@@ -259,7 +261,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
 
 def _without_path(error: Exception, exported: ExportedAttempt) -> str:
     """Returns the error message without the path of the recording. Results must not depend on the path of the study."""
-    return str(error).replace(f"{exported.store.path(exported.attempt.recording)}: ", "")
+    return str(error).replace(f"{exported.store.absolute_path(exported.attempt.recording)}: ", "")
 
 
 def _add_measures(
@@ -270,17 +272,20 @@ def _add_measures(
     measured = read_trial_series(recording, scene.posture)
     recorded = _kind(recording, measured)
     if recorded == "cut off":
-        tell(f"is cut off: it contains {len(measured.steps)} of {row.steps} control steps", NO_BIOMECHANICS)
+        tell(
+            f"is cut off: it contains {len(measured.control_steps)} of {row.steps} control steps",
+            NO_BIOMECHANICS_TEXT,
+        )
     elif recorded == "without a body":
-        tell("does not contain the body model of this version", NO_BIOMECHANICS)
-    if measured.steps:
-        found.series[row.participant, row.position] = measured
-        found.terms.extend(_terms(row, measured))
+        tell("does not contain the body model of this version", NO_BIOMECHANICS_TEXT)
+    if measured.control_steps:
+        found.trial_series[row.participant, row.position] = measured
+        found.reward_terms.extend(_terms(row, measured))
         row = replace(row, **_step_metrics(measured))
-    told = [record for _, record in recording.topics["/latency"]]
+    told = [record for _, record in recording.messages_by_topic["/latency"]]
     if told:
-        found.latencies[row.participant, row.position] = told
-    row = replace(row, guard_interventions=guard_interventions(recording))
+        found.latencies_by_trial[row.participant, row.position] = told
+    row = replace(row, guard_interventions=count_guard_interventions(recording))
     found.streams.extend(_streams(row, recording))
     commands = command_row(recording, row, recording.configuration.settings.control_step_s)
     if commands is not None:
@@ -290,22 +295,22 @@ def _add_measures(
             f"has a total reward of {row.reward_recorded}, the database {row.reward}",
             "the value in the database is used",
         )
-    if recorded == "whole" and measured.body is not None:
-        row = replace(row, **_body_metrics(measured.body))
+    if recorded == "whole" and measured.body_series is not None:
+        row = replace(row, **_body_metrics(measured.body_series))
     return replace(row, recorded=recorded)
 
 
 def _kind(recording: Recording, measured: TrialSeries) -> str:
     if not recording.complete:
         return "cut off"
-    return "without a body" if measured.body is None else "whole"
+    return "without a body" if measured.body_series is None else "whole"
 
 
 def _step_metrics(measured: TrialSeries) -> dict[str, float]:
-    forces = [step.force_on_person_n for step in measured.steps]
+    forces = [step.force_on_person_n for step in measured.control_steps]
     return {
-        "reward_recorded": _sum_in_order(step.reward for step in measured.steps),
-        "distance_min_m": min(step.distance_m for step in measured.steps),
+        "reward_recorded": _sum_in_order(step.reward for step in measured.control_steps),
+        "distance_min_m": min(step.distance_m for step in measured.control_steps),
         "force_mean_n": fmean(forces),
         "force_peak_n": max(forces),
     }
@@ -313,20 +318,20 @@ def _step_metrics(measured: TrialSeries) -> dict[str, float]:
 
 def _streams(row: TrialRow, recording: Recording) -> list[StreamRow]:
     whose = {name: getattr(row, name) for name in ("participant", "site", "simulated", "position")}
-    return [StreamRow(**whose, **vars(figures)) for figures in stream_quality(recording.topics)]
+    return [StreamRow(**whose, **vars(figures)) for figures in stream_quality(recording.messages_by_topic)]
 
 
-def guard_interventions(recording: Recording) -> int | None:
+def count_guard_interventions(recording: Recording) -> int | None:
     """Returns the number of force guard interventions in a recording; ``None`` if the guard was off."""
     if not recording.configuration.force_guard:
         return None
-    return sum(event.name == INTERVENTION_EVENT for _, event in recording.topics["/events"])
+    return sum(event.name == INTERVENTION_EVENT for _, event in recording.messages_by_topic["/events"])
 
 
 def _body_metrics(body: BodySeries) -> dict[str, float]:
     metrics = {"torso_height_m": body.torso_height_m}
-    head = body.head_centre_w.mean(axis=0)
-    waist = np.degrees(body.waist_rad)
+    head = body.head_centre_pos_w.mean(axis=0)
+    waist = np.degrees(body.waist_angles_rad)
     for index, axis in enumerate("xyz"):
         metrics[f"head_{axis}_m"] = float(head[index])
         metrics[f"waist_{axis}_deg"] = float(waist[:, index].mean())
@@ -335,14 +340,15 @@ def _body_metrics(body: BodySeries) -> dict[str, float]:
     return metrics
 
 
-def _terms(row: TrialRow, measured: TrialSeries) -> list[TermRow]:
-    names = dict.fromkeys(name for step in measured.steps for name in step.reward_terms)
+def _terms(row: TrialRow, measured: TrialSeries) -> list[RewardTermRow]:
+    names = dict.fromkeys(name for step in measured.control_steps for name in step.reward_terms)
     sums = {
-        name: _sum_in_order(step.reward_terms.get(name, 0.0) for step in measured.steps) for name in names
+        name: _sum_in_order(step.reward_terms.get(name, 0.0) for step in measured.control_steps)
+        for name in names
     }
-    weights = measured.weights
+    weights = measured.reward_weights
     return [
-        TermRow(
+        RewardTermRow(
             participant=row.participant,
             site=row.site,
             simulated=row.simulated,

@@ -22,8 +22,8 @@ class BodySeries:
     """Body posture at each control step: head centre (n, 3) in metres in the world frame, and waist angles (n, 3)."""
 
     torso_height_m: float
-    head_centre_w: FloatArray
-    waist_rad: FloatArray
+    head_centre_pos_w: FloatArray
+    waist_angles_rad: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +31,14 @@ class TrialSeries:
     """Times (n,) and control steps (n,) of a trial, reward weights, and body posture (``None`` if missing)."""
 
     times_s: Sequence[float]
-    steps: Sequence[Control]
-    weights: Mapping[str, float]
-    body: BodySeries | None
+    control_steps: Sequence[Control]
+    reward_weights: Mapping[str, float]
+    body_series: BodySeries | None
 
 
 def read_trial_series(recording: Recording, posture: Posture) -> TrialSeries:
     """Returns the time series in a recording. Missing series are empty; a missing body posture is ``None``."""
-    control = recording.topics["/control"]
+    control = recording.messages_by_topic["/control"]
     return TrialSeries(
         [time_ns / 1e9 for time_ns, _ in control],
         [step for _, step in control],
@@ -60,7 +60,7 @@ def version_differences(recording: Recording) -> str:
 def head_centres(people: People, posture: Posture) -> FloatArray:
     """Returns the head centres (n, 3) of people in ``posture``, in metres in the world frame."""
     pos_w, q_w = human.body_frames(people, posture, ("head",))
-    centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
+    centre = human.body_layout(people.is_woman, people.torso_height_m).site_pos["head_centre"]
     return pos_w["head"] + transforms.rotate(q_w["head"], centre)
 
 
@@ -71,7 +71,7 @@ def _body(recording: Recording, posture: Posture) -> BodySeries | None:
     """
     configuration = recording.configuration
     person = configuration.person
-    control, targets = recording.topics["/control"], recording.topics["/body_targets"]
+    control, targets = recording.messages_by_topic["/control"], recording.messages_by_topic["/body_targets"]
     if configuration.joints != tuple(JOINTS) or not control or not targets:
         return None
     angles = _targets_at(targets, [time_ns for time_ns, _ in control])

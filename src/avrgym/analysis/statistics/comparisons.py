@@ -10,26 +10,26 @@ import numpy as np
 from avrgym.analysis import columns
 from avrgym.analysis.columns import (
     AT_LEAST_0,
-    NOT_TESTED,
-    EffectHigh,
-    EffectLow,
+    NOT_TESTED_TEXT,
     EffectSize,
+    EffectSizeHigh,
+    EffectSizeLow,
     GroupA,
     GroupB,
+    HolmCorrectedP,
     IsSimulated,
     MedianA,
     MedianB,
     Note,
-    PHolm,
     PlanStatus,
-    PPrimary,
+    PrimaryCorrectedP,
     PValue,
-    Quantity,
-    Role,
-    Stars,
-    Zeros,
+    QuantityName,
+    ResultRole,
+    SignificanceStars,
+    ZeroDifferenceCount,
 )
-from avrgym.analysis.statistics.tests import StatisticalTest, holm_correction, signed_rank
+from avrgym.analysis.statistics.tests import StatisticalTestResult, holm_correction, signed_rank_test
 from avrgym.system.columns import Column
 
 
@@ -38,8 +38,8 @@ class ComparisonRow:
     """A test of ``group_a`` against ``group_b``. With too few participants, the row contains medians, but no p."""
 
     simulated: IsSimulated
-    family: columns.Family
-    quantity: Quantity
+    family: columns.FamilyName
+    quantity: QuantityName
     unit: Annotated[str, Column("Unit of analysis: each value is of a trial, or of a participant.")]
     group_a: GroupA
     group_b: GroupB
@@ -47,24 +47,24 @@ class ComparisonRow:
     n_a: Annotated[int, Column("Number of values of the first group.", allowed=AT_LEAST_0)]
     n_b: Annotated[int, Column("Number of values of the second group.", allowed=AT_LEAST_0)]
     n: Annotated[int, Column("Number of values or differences in the test.", allowed=AT_LEAST_0)]
-    zeros: Zeros
+    zeros: ZeroDifferenceCount
     median_a: MedianA
     median_b: MedianB
-    statistic: Annotated[float | None, Column("Test statistic.", empty=NOT_TESTED)]
-    method: Annotated[str, Column("How p was computed.", empty=NOT_TESTED)]
+    statistic: Annotated[float | None, Column("Test statistic.", empty=NOT_TESTED_TEXT)]
+    method: Annotated[str, Column("How p was computed.", empty=NOT_TESTED_TEXT)]
     p: PValue
-    p_holm: PHolm
-    p_primary: PPrimary = None
-    stars: Stars = ""
+    p_holm: HolmCorrectedP
+    p_primary: PrimaryCorrectedP = None
+    stars: SignificanceStars = ""
     effect: EffectSize
-    effect_low: EffectLow
-    effect_high: EffectHigh
+    effect_low: EffectSizeLow
+    effect_high: EffectSizeHigh
     note: Note
-    role: Role = ""
+    role: ResultRole = ""
     plan_status: PlanStatus = ""
 
 
-TRIAL, PARTICIPANT = "trial", "participant"
+TRIAL_UNIT, PARTICIPANT_UNIT = "trial", "participant"
 """Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no significance
 stars; they are only for comparison with the paper."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
@@ -72,12 +72,12 @@ PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis",
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
 TOO_FEW_PARTICIPANTS = f"fewer than {MIN_PARTICIPANTS} participants"
-Sample = tuple[str, Sequence[float]]
+GroupValues = tuple[str, Sequence[float]]
 """A group: (name, values)."""
 
 
 @dataclass(frozen=True)
-class Question:
+class ResearchQuestion:
     """A research question with a family of tests.
 
     ``table``: caption of the table of tests in the report. ``primary``: without a plan, the tests by participant of
@@ -85,8 +85,8 @@ class Question:
     """
 
     name: str
-    table: str
-    primary: bool = False
+    table_caption: str
+    is_primary: bool = False
 
     def family_name(self, unit: str) -> str:
         """Returns the name of the family of tests with this unit of analysis (trial or participant)."""
@@ -102,42 +102,52 @@ class Comparison:
     """
 
     quantity: str
-    a: Sample
-    b: Sample
-    result: StatisticalTest
-    participants: int
-    differences: Mapping[str, float] = field(default_factory=dict[str, float])
+    group_a: GroupValues
+    group_b: GroupValues
+    result: StatisticalTestResult
+    participant_count: int
+    participant_differences: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True)
-class Family:
+class ComparisonFamily:
     """Tests that are corrected together for multiple testing.
 
     ``differences``: for each test, the differences by participant.
     """
 
     simulated: bool
-    question: Question
+    question: ResearchQuestion
     rows: tuple[ComparisonRow, ...]
-    differences: tuple[Mapping[str, float], ...]
+    participant_differences: tuple[Mapping[str, float], ...]
 
 
-def corrected_family(simulated: bool, question: Question, unit: str, tests: Sequence[Comparison]) -> Family:
+def holm_corrected_family(
+    simulated: bool, question: ResearchQuestion, unit: str, tests: Sequence[Comparison]
+) -> ComparisonFamily:
     """Returns the family of tests of one question and unit of analysis, with Holm's correction."""
     allowed = [_without_small_test(test) for test in tests]
     adjusted = holm_correction([test.result.p for test in allowed])
     name = question.family_name(unit)
     rows = [_row(simulated, name, unit, test, p) for test, p in zip(allowed, adjusted, strict=True)]
-    return Family(simulated, question, tuple(rows), tuple(test.differences for test in allowed))
+    return ComparisonFamily(
+        simulated, question, tuple(rows), tuple(test.participant_differences for test in allowed)
+    )
 
 
 def _without_small_test(test: Comparison) -> Comparison:
     """Returns the comparison. With too few participants, it has no statistic, p and confidence interval."""
-    if test.participants >= MIN_PARTICIPANTS:
+    if test.participant_count >= MIN_PARTICIPANTS:
         return test
     result = test.result
     note = TOO_FEW_PARTICIPANTS if result.p is not None else result.note
-    described = StatisticalTest(result.test, result.n, result.zeros, effect=result.effect, note=note)
+    described = StatisticalTestResult(
+        result.test_name,
+        result.sample_size,
+        result.zero_differences,
+        effect_size=result.effect_size,
+        note=note,
+    )
     return replace(test, result=described)
 
 
@@ -148,22 +158,22 @@ def _row(simulated: bool, family: str, unit: str, test: Comparison, p_holm: floa
         family=family,
         quantity=test.quantity,
         unit=unit,
-        group_a=test.a[0],
-        group_b=test.b[0],
-        test=result.test,
-        n_a=len(test.a[1]),
-        n_b=len(test.b[1]),
-        n=result.n,
-        zeros=result.zeros,
-        median_a=_median(test.a[1]),
-        median_b=_median(test.b[1]),
+        group_a=test.group_a[0],
+        group_b=test.group_b[0],
+        test=result.test_name,
+        n_a=len(test.group_a[1]),
+        n_b=len(test.group_b[1]),
+        n=result.sample_size,
+        zeros=result.zero_differences,
+        median_a=_median(test.group_a[1]),
+        median_b=_median(test.group_b[1]),
         statistic=result.statistic,
         method=result.method,
         p=result.p,
         p_holm=p_holm,
-        effect=result.effect,
-        effect_low=result.effect_low if unit == PARTICIPANT else None,
-        effect_high=result.effect_high if unit == PARTICIPANT else None,
+        effect=result.effect_size,
+        effect_low=result.effect_size_low if unit == PARTICIPANT_UNIT else None,
+        effect_high=result.effect_size_high if unit == PARTICIPANT_UNIT else None,
         note=result.note,
     )
 
@@ -174,14 +184,14 @@ def _median(values: Sequence[float]) -> float | None:
 
 MEAN_DECIMALS = 9
 """Number of decimals of means over trials. Rounding removes differences by floating-point errors."""
-UnitKey = tuple[str, ...]
+AnalysisUnitKey = tuple[str, ...]
 """Key of a value: (participant, task, robot) for trials, (participant,) for means of participants."""
 
 
 def compare_policies(
     name: str,
     policies: tuple[str, str],
-    values: tuple[Mapping[UnitKey, float], Mapping[UnitKey, float]],
+    values: tuple[Mapping[AnalysisUnitKey, float], Mapping[AnalysisUnitKey, float]],
     unit: str,
 ) -> Comparison:
     """Returns a signed-rank test of the second policy against the first policy.
@@ -192,31 +202,35 @@ def compare_policies(
     first, second = policies
     a, b = values
     pairs = [key for key in a if key in b]
-    before = values_by_unit(unit, {key: a[key] for key in pairs})
-    after = values_by_unit(unit, {key: b[key] for key in pairs})
+    before = values_by_analysis_unit(unit, {key: a[key] for key in pairs})
+    after = values_by_analysis_unit(unit, {key: b[key] for key in pairs})
     x, y = list(after.values()), list(before.values())
     apart = np.round(np.subtract(x, y), MEAN_DECIMALS)
     differences = dict(zip(after, apart.tolist(), strict=True))
     return Comparison(
-        name, (second, x), (first, y), signed_rank(apart), *differences_by_participant(unit, differences)
+        name, (second, x), (first, y), signed_rank_test(apart), *differences_by_participant(unit, differences)
     )
 
 
-def values_by_unit(unit: str, values: Mapping[UnitKey, float]) -> dict[UnitKey, float]:
-    """Returns the values of trials if ``unit`` is ``TRIAL``; otherwise the mean over the trials of each participant."""
-    if unit == TRIAL:
+def values_by_analysis_unit(
+    unit: str, values: Mapping[AnalysisUnitKey, float]
+) -> dict[AnalysisUnitKey, float]:
+    """Returns the values of trials if ``unit`` is ``TRIAL_UNIT``; otherwise the mean over the trials of each
+    participant.
+    """
+    if unit == TRIAL_UNIT:
         return {key: float(value) for key, value in values.items()}
-    own: dict[UnitKey, list[float]] = {}
+    own: dict[AnalysisUnitKey, list[float]] = {}
     for key, value in values.items():
         own.setdefault(key[:1], []).append(value)
     return {key: round(fmean(values), MEAN_DECIMALS) for key, values in own.items()}
 
 
 def differences_by_participant(
-    unit: str, differences: Mapping[UnitKey, float]
+    unit: str, differences: Mapping[AnalysisUnitKey, float]
 ) -> tuple[int, dict[str, float]]:
     """Returns the number of participants, and the difference of each participant (empty for a test by trial)."""
     participants = len({key[0] for key in differences})
-    if unit == TRIAL:
+    if unit == TRIAL_UNIT:
         return participants, {}
     return participants, {key[0]: value for key, value in differences.items()}

@@ -22,16 +22,16 @@ from scipy import optimize
 from avrgym.array_types import FloatArray
 
 
-class Shrunken(NamedTuple):
+class ShrunkenEstimates(NamedTuple):
     """Posterior means (n,) and standard deviations (n,), and mean and standard deviation of the group."""
 
-    mean: FloatArray
-    deviation: FloatArray
+    posterior_mean: FloatArray
+    posterior_sd: FloatArray
     group_mean: float
-    group_deviation: float
+    group_sd: float
 
 
-def shrink(estimates: FloatArray, variances: FloatArray) -> Shrunken:
+def shrink_estimates(estimates: FloatArray, variances: FloatArray) -> ShrunkenEstimates:
     """Returns the posterior distributions of n parameters from their estimates (n,) and sampling variances (n,)."""
 
     def weighted(between: float) -> tuple[FloatArray, float]:
@@ -52,4 +52,6 @@ def shrink(estimates: FloatArray, variances: FloatArray) -> Shrunken:
     if count > 3:
         unequal = (variances.mean() + between) * weights
         posterior = posterior + 2.0 / (count - 3) * share**2 * (estimates - mean) ** 2 * unequal
-    return Shrunken(estimates + share * (mean - estimates), np.sqrt(posterior), mean, float(np.sqrt(between)))
+    return ShrunkenEstimates(
+        estimates + share * (mean - estimates), np.sqrt(posterior), mean, float(np.sqrt(between))
+    )

@@ -21,7 +21,7 @@ MAX_EXACT_PARTICIPANTS = 14
 """Maximum number of participants for the exact test. It uses all combinations of signs."""
 RANDOM_FLIP_COUNT = 9_999
 """Number of random sign combinations if there are more participants. The observed combination is added."""
-TOLERANCE = 1e-9
+STATISTIC_TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
@@ -75,6 +75,6 @@ def step_down_p_values(statistics: FloatArray) -> FloatArray:
     largest = 0.0
     for place, test in enumerate(order):
         others = statistics[:, order[place:]].max(axis=1)
-        largest = max(largest, float((others >= observed[test] - TOLERANCE).mean()))
+        largest = max(largest, float((others >= observed[test] - STATISTIC_TOLERANCE).mean()))
         found[test] = largest
     return found

@@ -22,10 +22,10 @@ MAX_EXACT_SIGNED_RANK = 50
 """Maximum number of differences for an exact signed-rank test. Floats represent counts up to 2**50 exactly."""
 MAX_EXACT_RANK_SUM = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
-PERMUTATIONS = 9_999
+PERMUTATION_COUNT = 9_999
 MANN_WHITNEY = "Mann-Whitney"
 _DISTANCES_IN_MEMORY = 1_000_000
-STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+STAR_THRESHOLDS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 
 def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
@@ -46,7 +46,7 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class StatisticalTest:
+class StatisticalTestResult:
     """Result of a statistical test.
 
     ``test``: name of the test. ``n``: number of values or differences. ``zeros``: number of omitted zero differences.
@@ -55,19 +55,19 @@ class StatisticalTest:
     distance divided by twice the mean distance between samples (0 to 1), without interval.
     """
 
-    test: str
-    n: int
-    zeros: int = 0
+    test_name: str
+    sample_size: int
+    zero_differences: int = 0
     statistic: float | None = None
     method: str = ""
     p: float | None = None
-    effect: float | None = None
-    effect_low: float | None = None
-    effect_high: float | None = None
+    effect_size: float | None = None
+    effect_size_low: float | None = None
+    effect_size_high: float | None = None
     note: str = ""
 
 
-def signed_rank(differences: ArrayLike) -> StatisticalTest:
+def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
     """Returns Wilcoxon's signed-rank test (Biometrics Bulletin 1, 1945).
 
     Null hypothesis: the differences are symmetric around zero.
@@ -83,7 +83,7 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
     test = "Wilcoxon signed-rank"
     if not len(used):
         note = "all differences are zero" if zeros else "there are no values to compare"
-        return StatisticalTest(test, 0, zeros, note=note)
+        return StatisticalTestResult(test, 0, zeros, note=note)
     ranks = stats.rankdata(np.abs(used))
     positive, negative = float(ranks[used > 0].sum()), float(ranks[used < 0].sum())
     if len(used) <= MAX_EXACT_SIGNED_RANK:
@@ -92,8 +92,10 @@ def signed_rank(differences: ArrayLike) -> StatisticalTest:
         found: Any = stats.wilcoxon(used, method="asymptotic")
         method, p = "normal approximation", float(found.pvalue)
     effect = (positive - negative) / (positive + negative)
-    interval = effect_interval(effect, float(ranks.sum() ** 2 / (ranks @ ranks)))
-    return StatisticalTest(test, len(used), zeros, min(positive, negative), method, p, effect, *interval)
+    interval = rank_biserial_interval(effect, float(ranks.sum() ** 2 / (ranks @ ranks)))
+    return StatisticalTestResult(
+        test, len(used), zeros, min(positive, negative), method, p, effect, *interval
+    )
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
@@ -110,7 +112,7 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
     return min(1.0, 2.0 * float(share))
 
 
-def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
+def rank_sum_test(a: ArrayLike, b: ArrayLike) -> StatisticalTestResult:
     """Returns the Mann-Whitney U test (Ann. Math. Stat. 18, 1947): are the values of one sample larger?
 
     p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM`` values: all divisions of the ranks into two
@@ -121,27 +123,27 @@ def rank_sum(a: ArrayLike, b: ArrayLike) -> StatisticalTest:
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = MANN_WHITNEY, len(a) + len(b)
     if not len(a) or not len(b):
-        return StatisticalTest(test, n, note="there are no values to compare")
+        return StatisticalTestResult(test, n, note="there are no values to compare")
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
-        return StatisticalTest(test, n, note="all values are equal")
+        return StatisticalTestResult(test, n, note="all values are equal")
     exact, ties = min(len(a), len(b)) <= MAX_EXACT_RANK_SUM, len(np.unique(pooled)) < n
     found = stats.mannwhitneyu(a, b, method="exact" if exact and not ties else "asymptotic")
     p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
     method = "exact" if exact else "normal approximation"
-    interval = effect_interval(effect, _size_of_rank_sum(len(a), len(b), pooled))
-    return StatisticalTest(test, n, 0, float(found.statistic), method, p, effect, *interval)
+    interval = rank_biserial_interval(effect, _size_of_rank_sum(len(a), len(b), pooled))
+    return StatisticalTestResult(test, n, 0, float(found.statistic), method, p, effect, *interval)
 
 
 def _size_of_rank_sum(n: int, m: int, pooled: FloatArray) -> float:
-    """Returns the effective sample size of U (see ``effect_interval``). ``n``, ``m``: sizes of the samples."""
+    """Returns the effective sample size of U (see ``rank_biserial_interval``). ``n``, ``m``: sizes of the samples."""
     _, times = np.unique(pooled, return_counts=True)
     tied = 1.0 - float((times**3 - times).sum()) / (len(pooled) ** 3 - len(pooled))
     return 3.0 * n * m / ((n + m + 1) * tied)
 
 
-def effect_interval(effect: float, size: float) -> tuple[float, float]:
+def rank_biserial_interval(effect: float, size: float) -> tuple[float, float]:
     """Returns the 95 % confidence interval of a rank-biserial correlation r: Wilson's interval of (1 + r) / 2.
 
     ``size``: effective sample size. Under the null hypothesis, the share of this number of independent binary values
@@ -169,7 +171,9 @@ def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
     return min(1.0, 2.0 * float(min(tails) / total))
 
 
-def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATIONS) -> StatisticalTest:
+def energy_test(
+    a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMUTATION_COUNT
+) -> StatisticalTestResult:
     """Returns the energy test. Null hypothesis: points (n, d) and points (m, d) have the same distribution.
 
     Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
@@ -181,18 +185,18 @@ def energy_test(a: ArrayLike, b: ArrayLike, seed: int, permutations: int = PERMU
     count, total = len(a), len(a) + len(b)
     test = "energy distance"
     if not len(a) or not len(b):
-        return StatisticalTest(test, total, note="there are no values to compare")
+        return StatisticalTestResult(test, total, note="there are no values to compare")
     points = np.concatenate([a, b])
     apart = cdist(points, points)
     if not apart.any():
-        return StatisticalTest(test, total, note="all values are equal")
+        return StatisticalTestResult(test, total, note="all values are equal")
     given, between = _energy(apart, np.arange(count)[None])
     rng = random_streams.permutation_generator(seed)
     drawn = np.stack([rng.permutation(total)[:count] for _ in range(permutations)])
     larger = int((_energy(apart, drawn)[0] >= given[0] - 1e-12).sum())
     p = (1 + larger) / (1 + permutations)
     effect = float(given[0] / (2.0 * between[0])) if between[0] else 0.0
-    return StatisticalTest(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
+    return StatisticalTestResult(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -233,7 +237,7 @@ def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]
 
 def significance_stars(p: float | None) -> str:
     """Returns the significance stars of p: * below 0.05, ** below 0.01, *** below 0.001."""
-    return next((stars for limit, stars in STARS if p is not None and p < limit), "")
+    return next((stars for limit, stars in STAR_THRESHOLDS if p is not None and p < limit), "")
 
 
 def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float | None, float | None]:

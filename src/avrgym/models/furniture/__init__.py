@@ -5,26 +5,31 @@ from functools import partial
 
 import mujoco
 
-from avrgym.models.furniture.bed import NIGHTSTAND_BODY, NIGHTSTAND_TOP_M, add_hospital_bed, add_nightstand
+from avrgym.models.furniture.bed import (
+    NIGHTSTAND_BODY,
+    NIGHTSTAND_TOP_POS_M,
+    add_hospital_bed,
+    add_nightstand,
+)
 from avrgym.models.furniture.table import (
     BOWL_BODY,
-    BOWL_START_M,
+    BOWL_INITIAL_POS_M,
     TABLE_BODY,
     TABLE_HEIGHT_M,
-    Offset,
+    PositionOffset,
     add_table,
 )
 from avrgym.models.furniture.wheelchair import add_bracket, add_wheelchair
 
 __all__ = [
     "BOWL_BODY",
-    "BOWL_START_M",
+    "BOWL_INITIAL_POS_M",
     "FURNITURE",
     "NIGHTSTAND_BODY",
-    "NIGHTSTAND_TOP_M",
+    "NIGHTSTAND_TOP_POS_M",
     "TABLE_BODY",
     "TABLE_HEIGHT_M",
-    "Offset",
+    "PositionOffset",
     "add_bracket",
     "add_hospital_bed",
     "add_nightstand",

@@ -13,35 +13,35 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import add_finish
-from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
-from avrgym.models.shapes import Mesh, Section, loft, rounded_polyline, torus, tube
+from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_visual, add_visual_mesh
+from avrgym.models.shapes import CrossSection, Mesh, loft, rounded_polyline, torus, tube
 
 MATTRESS_TOP_M = 0.55
 MATTRESS_THICKNESS_M, MATTRESS_HALF_WIDTH_M = 0.15, 0.44
-LEGS_LENGTH_M, BACK_LENGTH_M = 1.15, 0.85
-BACKREST_DEG = 60.0
+MATTRESS_LEG_LENGTH_M, BACKREST_LENGTH_M = 1.15, 0.85
+BACKREST_ANGLE_DEG = 60.0
 NIGHTSTAND_BODY = "nightstand"
-NIGHTSTAND_TOP_M = (-0.75, 0.15, 0.60)
+NIGHTSTAND_TOP_POS_M = (-0.75, 0.15, 0.60)
 """Position of a robot on the nightstand, and origin of the nightstand's body. The body may move with the robot."""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""
 _HIPS = (0.0, 0.0, 0.7)
-_LEGS_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * LEGS_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
-_BACK_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * BACK_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
+_LEGS_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * MATTRESS_LEG_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
+_BACK_HALF = (MATTRESS_HALF_WIDTH_M, 0.5 * BACKREST_LENGTH_M, 0.5 * MATTRESS_THICKNESS_M)
 _LEGS_CENTRE = (0.0, _CREASE[1] - _LEGS_HALF[1], MATTRESS_TOP_M - _LEGS_HALF[2])
-_FOOT_Y, _HEAD_Y = _CREASE[1] - LEGS_LENGTH_M - 0.03, _CREASE[1] + BACK_LENGTH_M + 0.03
+_FOOT_Y, _HEAD_Y = _CREASE[1] - MATTRESS_LEG_LENGTH_M - 0.03, _CREASE[1] + BACKREST_LENGTH_M + 0.03
 _MIDDLE_Y, _HALF_LENGTH = 0.5 * (_FOOT_Y + _HEAD_Y), 0.5 * (_HEAD_Y - _FOOT_Y)
 _FOOTBOARD_TOP, _HEADBOARD_TOP, _BOARD_BOTTOM = 0.78, 1.02, 0.30
 _HALF_BOARD = (0.46, 0.018)
 _DECK_Z = MATTRESS_TOP_M - MATTRESS_THICKNESS_M - 0.025
 _CASTER_RADIUS, _CASTER_X, _CASTER_Y = 0.06, 0.36, 0.72
 _UPRIGHT_Q = transforms.from_axis_angle([1.0, 0.0, 0.0], 0.5 * np.pi)
-_NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_M[2])
+_NIGHTSTAND_HALF = (0.165, 0.20, 0.5 * NIGHTSTAND_TOP_POS_M[2])
 
 
 def add_hospital_bed(
-    spec: mujoco.MjSpec, appearance: bool, *, rise_m: float = 0.0, backrest_deg: float = BACKREST_DEG
+    spec: mujoco.MjSpec, appearance: bool, *, rise_m: float = 0.0, backrest_deg: float = BACKREST_ANGLE_DEG
 ) -> None:
     """Add the bed: a mattress in two parts, a frame on casters, end boards, and lowered side rails.
 
@@ -67,7 +67,7 @@ def _backrest(backrest_deg: float) -> _Pose:
 
     The distance between the surface and the axis of the torso is the same at every angle.
     """
-    usual, angle = (np.radians(degrees) for degrees in (BACKREST_DEG, backrest_deg))
+    usual, angle = (np.radians(degrees) for degrees in (BACKREST_ANGLE_DEG, backrest_deg))
     _, y, z = np.subtract(_HIPS, _CREASE)
     usual_m, at_m = (z * np.cos(each) - y * np.sin(each) for each in (usual, angle))
     end = np.array([0.0, _CREASE[1] + (usual_m - at_m) / np.sin(angle), _CREASE[2]])
@@ -91,7 +91,7 @@ def _add_bed_collision(body: mujoco.MjsBody, back: _Pose) -> None:
     }
     for name, (pos, size) in boxes.items():
         add_collision(body, f"bed_{name}", BOX, collision_bits.FURNITURE, pos=pos, size=size)
-    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
+    middle = _on_backrest(back, 0.5 * BACKREST_LENGTH_M, -_BACK_HALF[2])
     add_collision(
         body, "bed_backrest", BOX, collision_bits.FURNITURE, pos=middle, quat=back[1], size=_BACK_HALF
     )
@@ -106,11 +106,11 @@ def _board(y: float, top: float) -> tuple[list[float], list[float]]:
 def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
     sheet = add_finish(spec, "sheet")
     linen = add_finish(spec, "linen")
-    add_skin(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
-    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -_BACK_HALF[2])
-    add_skin(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=middle, quat=back[1])
+    add_visual_mesh(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
+    middle = _on_backrest(back, 0.5 * BACKREST_LENGTH_M, -_BACK_HALF[2])
+    add_visual_mesh(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=middle, quat=back[1])
     pillow = _on_backrest(back, 0.66, 0.005)
-    add_skin(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=back[1])
+    add_visual_mesh(spec, body, "bed_pillow", linen, _pillow(), pos=pillow, quat=back[1])
 
 
 def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
@@ -119,14 +119,14 @@ def _cushion(half_x: float, half_y: float, half_z: float) -> Mesh:
     turn = np.linspace(0.0, 0.5 * np.pi, 5)
     inset, height = edge * (1.0 - np.cos(turn)), half_z - edge + edge * np.sin(turn)
     rings = [*zip(-height[::-1], inset[::-1], strict=True), *zip(height, inset, strict=True)]
-    return loft([Section(z, half_x - d, half_y - d, exponent=12.0) for z, d in rings], segments=40)
+    return loft([CrossSection(z, half_x - d, half_y - d, exponent=12.0) for z, d in rings], segments=40)
 
 
 def _pillow() -> Mesh:
     """Returns a pillow of 0.60 × 0.38 m, 7 cm thick in the middle."""
     turns = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)[1:-1]
     rings = [(0.035 * np.sin(turn), np.cos(turn) ** 0.35) for turn in turns]
-    return loft([Section(z, 0.30 * share, 0.19 * share, exponent=4.0) for z, share in rings])
+    return loft([CrossSection(z, 0.30 * share, 0.19 * share, exponent=4.0) for z, share in rings])
 
 
 def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
@@ -136,13 +136,13 @@ def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         pos, (half_x, half_y, half_z) = _board(y, top)
         panel = _panel(half_x, half_z, half_y)
         inlay = _panel(half_x - 0.09, half_z - 0.09, half_y + 0.002)
-        add_skin(spec, body, f"bed_{name}_skin", plastic, panel, pos=pos, quat=_UPRIGHT_Q)
-        add_skin(spec, body, f"bed_{name}_inlay", wood, inlay, pos=pos, quat=_UPRIGHT_Q)
+        add_visual_mesh(spec, body, f"bed_{name}_skin", plastic, panel, pos=pos, quat=_UPRIGHT_Q)
+        add_visual_mesh(spec, body, f"bed_{name}_inlay", wood, inlay, pos=pos, quat=_UPRIGHT_Q)
 
 
 def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
     """Returns a flat board with rounded corners; z is the direction of its thickness."""
-    return loft([Section(z, half_x, half_y, exponent=8.0) for z in (-half_z, half_z)], segments=48)
+    return loft([CrossSection(z, half_x, half_y, exponent=8.0) for z in (-half_z, half_z)], segments=48)
 
 
 def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
@@ -155,7 +155,7 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> No
         add_visual(body, BOX, paint, pos=[0, y, _DECK_Z - 0.005], size=[0.41, 0.02, 0.015])
     legs = [0, _LEGS_CENTRE[1], _DECK_Z + 0.018]
     add_visual(body, BOX, paint, pos=legs, size=[0.43, _LEGS_HALF[1], 0.008])
-    middle = _on_backrest(back, 0.5 * BACK_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
+    middle = _on_backrest(back, 0.5 * BACKREST_LENGTH_M, -MATTRESS_THICKNESS_M - 0.012)
     add_visual(body, BOX, paint, pos=middle, quat=back[1], size=[0.43, _BACK_HALF[1] - 0.02, 0.012])
     strut = [0.0, 0.80, _DECK_Z, *_on_backrest(back, 0.50, -MATTRESS_THICKNESS_M - 0.02)]
     add_visual(body, CAPSULE, steel, fromto=strut, size=[0.018, 0, 0])
@@ -169,7 +169,7 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
         x = sign * 0.456
         loop = [[x, 0.5 * (foot + head), low], [x, foot, low], [x, foot, high], [x, head, high], [x, head, low],
                 [x, 0.5 * (foot + head), low]]  # fmt: skip
-        add_skin(spec, body, f"bed_{side}_rail", steel, tube(rounded_polyline(loop), 0.011))
+        add_visual_mesh(spec, body, f"bed_{side}_rail", steel, tube(rounded_polyline(loop), 0.011))
         for y in np.linspace(foot, head, 7)[1:-1]:
             add_visual(body, CAPSULE, steel, fromto=[x, y, low, x, y, high], size=[0.007, 0, 0])
 
@@ -201,7 +201,7 @@ def _add_caster(
 ) -> None:
     x, y, z = top
     centre = [x, y, _CASTER_RADIUS - rise_m]
-    add_skin(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 24, 8), pos=centre)
+    add_visual_mesh(spec, body, name, tyre, torus(_CASTER_RADIUS - 0.014, 0.014, 24, 8), pos=centre)
     wheel = [x - 0.008, *centre[1:], x + 0.008, *centre[1:]]
     add_visual(body, CYLINDER, metal, fromto=wheel, size=[_CASTER_RADIUS - 0.02, 0, 0])
     for side in (-0.02, 0.02):
@@ -210,7 +210,7 @@ def _add_caster(
 
 def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = False) -> None:
     """Add the nightstand. The origin of its body is the middle of its top. ``mirrored``: on the person's left."""
-    x, y, z = NIGHTSTAND_TOP_M
+    x, y, z = NIGHTSTAND_TOP_POS_M
     body = spec.worldbody.add_body(name=NIGHTSTAND_BODY, pos=[-x if mirrored else x, y, z])
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_collision(

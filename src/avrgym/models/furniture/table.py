@@ -5,19 +5,19 @@ import numpy as np
 
 from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import add_finish
-from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_skin, add_visual
+from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_visual, add_visual_mesh
 from avrgym.models.shapes import revolve
 
 TABLE_BODY = "table"
 TABLE_HEIGHT_M = 0.75
 BOWL_BODY = "bowl"
-BOWL_START_M = (-0.15, -0.55, TABLE_HEIGHT_M)
+BOWL_INITIAL_POS_M = (-0.15, -0.55, TABLE_HEIGHT_M)
 
 
-Offset = tuple[float, float, float]
+PositionOffset = tuple[float, float, float]
 
 
-def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: Offset = (0.0, 0.0, 0.0)) -> None:
+def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: PositionOffset = (0.0, 0.0, 0.0)) -> None:
     """Add a table with a bowl, in front of the person and on their left.
 
     The position of the bowl's body differs between episodes.
@@ -28,7 +28,7 @@ def add_table(spec: mujoco.MjSpec, appearance: bool, offset_m: Offset = (0.0, 0.
     table = spec.worldbody.add_body(name=TABLE_BODY, pos=offset_m)
     top = [*centre, TABLE_HEIGHT_M - 0.015]
     add_collision(table, TABLE_BODY, BOX, collision_bits.FURNITURE, pos=top, size=[*half, 0.015])
-    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=np.add(BOWL_START_M, offset_m))
+    bowl = spec.worldbody.add_body(name=BOWL_BODY, pos=np.add(BOWL_INITIAL_POS_M, offset_m))
     add_collision(
         bowl, BOWL_BODY, CYLINDER, collision_bits.FURNITURE, pos=[0, 0, 0.025], size=[0.07, 0.025, 0]
     )
@@ -61,5 +61,5 @@ def _add_table_skin(
         (0.0, 0.0), (0.035, 0.0), (0.055, 0.012), (0.068, 0.032), (0.072, 0.05),
         (0.069, 0.05), (0.064, 0.034), (0.051, 0.016), (0.030, 0.007), (0.0, 0.007),
     ]  # fmt: skip
-    add_skin(spec, bowl, "bowl_skin", white, revolve(profile))
+    add_visual_mesh(spec, bowl, "bowl_skin", white, revolve(profile))
     add_visual(bowl, CYLINDER, food, pos=[0, 0, 0.022], size=[0.058, 0.006, 0])

@@ -12,7 +12,7 @@ import numpy as np
 
 from avrgym.models import collision_bits
 from avrgym.models.furniture.finishes import add_finish
-from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_skin, add_visual
+from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_visual, add_visual_mesh
 from avrgym.models.shapes import rounded_polyline, torus, tube
 
 WHEELCHAIR_BODY = "wheelchair"
@@ -101,7 +101,9 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None
             bars[name] = [[x, y, z + rise_m] for x, y, z in bars[name]]
         bars["front"][0][2] += rise_m
         for name, points in bars.items():
-            add_skin(spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded_polyline(points), 0.0125))
+            add_visual_mesh(
+                spec, body, f"wheelchair_{side}_{name}", paint, tube(rounded_polyline(points), 0.0125)
+            )
     for sign in (-1.0, 1.0):
         brace = [sign * _FRAME_X, -0.05, 0.22, -sign * _FRAME_X, -0.05, 0.42 + rise_m]
         add_visual(body, CAPSULE, steel, fromto=brace, size=[0.010, 0, 0])
@@ -113,7 +115,7 @@ def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str, rise_m: f
     x = _SIGNS[side] * ARMREST_X_M
     low, high = 0.44 + rise_m, 0.73 + rise_m
     bar = [[x, 0.11, low], [x, 0.11, high], [x, -0.17, high], [x, -0.17, low]]
-    add_skin(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
+    add_visual_mesh(spec, body, f"wheelchair_{side}_arm", paint, tube(rounded_polyline(bar), 0.0125))
     guard = [_SIGNS[side] * (ARMREST_X_M - 0.003), -0.03, 0.60 + rise_m]
     add_visual(body, BOX, paint, pos=guard, size=[0.004, 0.12, 0.10])
     add_visual(body, BOX, rubber, pos=[x, -0.03, 0.748 + rise_m], size=[0.028, 0.15, 0.012])
@@ -125,16 +127,16 @@ def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     for side, sign in _SIGNS.items():
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)
-        add_skin(spec, body, f"wheelchair_{side}_tyre", rubber, tyre, pos=hub)
+        add_visual_mesh(spec, body, f"wheelchair_{side}_tyre", rubber, tyre, pos=hub)
         rim = [hub[0] + sign * 0.018, hub[1], hub[2]]
-        add_skin(spec, body, f"wheelchair_{side}_rim", steel, torus(0.262, 0.006), pos=rim)
+        add_visual_mesh(spec, body, f"wheelchair_{side}_rim", steel, torus(0.262, 0.006), pos=rim)
         axle = [*hub, sign * 0.22, _AXLE_Y, _WHEEL_RADIUS]
         add_visual(body, CAPSULE, steel, fromto=axle, size=[0.018, 0, 0])
         for angle in np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False):
             end = [hub[0], hub[1] + 0.28 * np.cos(angle), hub[2] + 0.28 * np.sin(angle)]
             add_visual(body, CAPSULE, steel, fromto=[*hub, *end], size=[0.0022, 0, 0])
         caster = [sign * 0.245, _CASTER_Y - 0.03, _CASTER_RADIUS]
-        add_skin(spec, body, f"wheelchair_{side}_caster", rubber, torus(0.075, 0.016), pos=caster)
+        add_visual_mesh(spec, body, f"wheelchair_{side}_caster", rubber, torus(0.075, 0.016), pos=caster)
         side_of_caster = [caster[0] - 0.008, *caster[1:], caster[0] + 0.008, *caster[1:]]
         add_visual(body, CYLINDER, steel, fromto=side_of_caster, size=[0.062, 0, 0])
 
@@ -172,4 +174,4 @@ def add_bracket(
     paint = add_finish(spec, "bracket")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x - 0.03 * outwards, y, z - 0.02], [outwards * _FRAME_X, y, z - 0.02]]
-    add_skin(spec, body, "bracket", paint, tube(np.array(arm), 0.016))
+    add_visual_mesh(spec, body, "bracket", paint, tube(np.array(arm), 0.016))

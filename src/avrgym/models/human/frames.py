@@ -8,10 +8,10 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
-from avrgym.geometry.arrays import as_floats, constant_like, namespace
+from avrgym.geometry.arrays import constant_like, namespace, namespace_and_floats
 from avrgym.models.body_names import Sex
 from avrgym.models.human.anthropometry import Proportions, proportions_of, scale_girths
-from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, joint_angles
+from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, seated_joint_angles
 from avrgym.models.human.person import People, Person
 
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
@@ -28,12 +28,12 @@ HEADSET_OFFSET_M = 0.08
 MOUTH_HEIGHT_M = 0.03
 """Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
 
-CRANIUM_RADIUS, JAW_RADIUS, JAW_HEIGHT_M, MOUTH_DEPTH = 0.090, 0.062, 0.025, 0.028
+CRANIUM_RADIUS_M, JAW_RADIUS_M, JAW_HEIGHT_M, JAW_BEHIND_MOUTH_M = 0.090, 0.062, 0.025, 0.028
 """Sizes of the head's collision spheres, in metres. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open
 mouth."""
 
 
-PARENTS: Mapping[str, str | None] = {
+PARENT_BODIES: Mapping[str, str | None] = {
     "hips": None,
     "torso": "hips",
     "head": "torso",
@@ -42,10 +42,10 @@ PARENTS: Mapping[str, str | None] = {
        for part, parent in (("upper_arm", "torso"), ("forearm", "upper_arm"), ("hand", "forearm"),
                             ("thigh", "hips"), ("shin", "thigh"), ("foot", "shin"))},
 }  # fmt: skip
-BODIES = tuple(PARENTS)
+BODIES = tuple(PARENT_BODIES)
 
-RIGHT_ARM = ("right_upper_arm", "right_forearm", "right_hand")
-LEFT_ARM = ("left_upper_arm", "left_forearm", "left_hand")
+RIGHT_ARM_BODIES = ("right_upper_arm", "right_forearm", "right_hand")
+LEFT_ARM_BODIES = ("left_upper_arm", "left_forearm", "left_hand")
 """Bodies and geoms of each arm. Their frames are shoulder, elbow and wrist."""
 
 
@@ -69,7 +69,7 @@ class Posture:
         """Returns whether the person is on a seat, not in bed."""
         return self.hips_pos_w is None
 
-    def hips(self, p: Proportions) -> FloatArray:
+    def hips_origin(self, p: Proportions) -> FloatArray:
         """Returns the origin of the hips, (3,) or (N, 3); world frame."""
         if self.hips_pos_w is None:
             return _vector(0.0, 0.03, p.seated_hips_height + self.rise_m)
@@ -77,12 +77,12 @@ class Posture:
         return namespace(p.mass).broadcast_to(pos_w, (*np.shape(p.mass), 3))
 
     @property
-    def away_from_backrest(self) -> FloatArray:
+    def backrest_normal(self) -> FloatArray:
         """Returns the normal of the backrest (3,), towards the person; world frame."""
         angle = float(np.radians(self.hips_deg))
         return np.array([0.0, -np.cos(angle), -np.sin(angle)])
 
-    def rotations_deg(self) -> dict[str, float]:
+    def body_rotations_deg(self) -> dict[str, float]:
         """Returns the rotations about x of the hips and leg bodies, by body, in degrees."""
         legs = {"thigh": self.thigh_deg, "shin": self.shin_deg}
         return {"hips": self.hips_deg} | {
@@ -96,7 +96,7 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class BodyLayout:
     """Poses and sizes of the bodies, geoms and sites of N people, by name. They are computed on demand.
 
     Positions (N, 3) are in metres. Lengths along the body are scaled by ``scale`` (N,), arm lengths by ``arm_scale``.
@@ -105,7 +105,7 @@ class Layout:
     """
 
     proportions: Proportions
-    scale: FloatArray
+    length_scale: FloatArray
     arm_scale: FloatArray
     posture: Posture
     chest_depth_change_m: FloatArray
@@ -113,8 +113,8 @@ class Layout:
     @cached_property
     def body_pos(self) -> Mapping[str, FloatArray]:
         """Returns the body positions (N, 3) by body name, in the frame of the parent body."""
-        positions = _body_positions(self.proportions, self.scale, self.arm_scale, self.posture)
-        outward = constant_like(self.posture.away_from_backrest, self.scale)
+        positions = _body_positions(self.proportions, self.length_scale, self.arm_scale, self.posture)
+        outward = constant_like(self.posture.backrest_normal, self.length_scale)
         return positions | {"hips": positions["hips"] + self.chest_depth_change_m[..., None] * outward}
 
     @property
@@ -130,20 +130,20 @@ class Layout:
     @cached_property
     def site_pos(self) -> Mapping[str, FloatArray]:
         """Returns the site positions (N, 3) by site name, in the frame of their body."""
-        return _sites(self.proportions, self.scale)
+        return _sites(self.proportions, self.length_scale)
 
     @cached_property
     def _geoms(self) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
-        return _geoms(self.proportions, self.scale, self.arm_scale)
+        return _geoms(self.proportions, self.length_scale, self.arm_scale)
 
 
-def layout(
+def body_layout(
     is_woman: BoolArray,
     torso_height_m: FloatArray,
     posture: Posture = SEATED,
     arm_scale: FloatArray | float = 1.0,
     stature_and_bmi: tuple[FloatArray, FloatArray] | None = None,
-) -> Layout:
+) -> BodyLayout:
     """Returns the layout of N people. Lengths along the body are proportional to the torso height; radii are not.
 
     Lengths of upper arms and forearms are also proportional to ``arm_scale`` (N,). ``stature_and_bmi`` are stature and
@@ -153,13 +153,13 @@ def layout(
     scale = torso_height_m / reference.torso_height
     p = reference if stature_and_bmi is None else scale_girths(reference, is_woman, *stature_and_bmi)
     chest_depth_change_m = (p.chest_radius - reference.chest_radius) * namespace(scale).ones_like(scale)
-    return Layout(p, scale, arm_scale * scale, posture, chest_depth_change_m)
+    return BodyLayout(p, scale, arm_scale * scale, posture, chest_depth_change_m)
 
 
-def layout_of_people(people: People, posture: Posture = SEATED) -> Layout:
+def body_layout_of_people(people: People, posture: Posture = SEATED) -> BodyLayout:
     """Returns the layout of ``people`` in a posture, see ``layout``."""
     stature_and_bmi = people.stature_m, people.bmi_kg_m2
-    return layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, stature_and_bmi)
+    return body_layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, stature_and_bmi)
 
 
 def _body_positions(
@@ -167,7 +167,7 @@ def _body_positions(
 ) -> dict[str, FloatArray]:
     shoulder_z = (p.chest_offset_z + p.shoulder_offset_z) * h
     positions = {
-        "hips": posture.hips(p),
+        "hips": posture.hips_origin(p),
         "torso": _vector(0.0, 0.0, p.waist_offset_z * h),
         "head": _vector(0.0, 0.0, (p.chest_offset_z + p.neck_offset_z + p.head_offset_z) * h),
     }
@@ -183,7 +183,7 @@ def _body_positions(
     return positions
 
 
-ARM = "upper_arm", "forearm"
+ARM_SEGMENTS = "upper_arm", "forearm"
 
 
 def _geoms(
@@ -201,7 +201,7 @@ def _geoms(
         "left_shoulder": _vector(0.47 * p.shoulder_offset_x, zero, shoulder_z),
         "neck": _vector(zero, zero, (p.chest_offset_z + p.neck_offset_z) * h + 0.5 * p.neck_length * h),
         "cranium": _vector(zero, zero, p.head_centre_offset_z * h + 0.015),
-        "jaw": _vector(zero, MOUTH_DEPTH + JAW_RADIUS - p.mouth_forward, zero + JAW_HEIGHT_M),
+        "jaw": _vector(zero, JAW_BEHIND_MOUTH_M + JAW_RADIUS_M - p.mouth_forward, zero + JAW_HEIGHT_M),
     }
     size = {
         "hips": _vector(p.hips_radius, 0.5 * p.hips_length, zero),
@@ -210,12 +210,12 @@ def _geoms(
         "right_shoulder": _vector(p.shoulder_radius, 0.5 * p.shoulder_length, zero),
         "left_shoulder": _vector(p.shoulder_radius, 0.5 * p.shoulder_length, zero),
         "neck": _vector(p.neck_radius, 0.5 * p.neck_length * h, zero),
-        "cranium": _vector(zero + CRANIUM_RADIUS, zero, zero),
-        "jaw": _vector(zero + JAW_RADIUS, zero, zero),
+        "cranium": _vector(zero + CRANIUM_RADIUS_M, zero, zero),
+        "jaw": _vector(zero + JAW_RADIUS_M, zero, zero),
     }
     for side in ("right", "left"):
         for part in ("upper_arm", "forearm", "thigh", "shin"):
-            length = getattr(p, f"{part}_length") * (arm_h if part in ARM else h)
+            length = getattr(p, f"{part}_length") * (arm_h if part in ARM_SEGMENTS else h)
             position[f"{side}_{part}"] = _vector(zero, zero, -0.5 * length)
             size[f"{side}_{part}"] = _vector(getattr(p, f"{part}_radius"), 0.5 * length, zero)
         position[f"{side}_hand"] = _vector(zero, zero, -p.hand_radius)
@@ -236,7 +236,7 @@ def _sites(p: Proportions, h: FloatArray) -> dict[str, FloatArray]:
     }
 
 
-SITE_BODY = {
+SITE_BODIES = {
     "head_centre": "head",
     "mouth": "head",
     "right_hand_centre": "right_hand",
@@ -245,7 +245,7 @@ SITE_BODY = {
 
 
 @dataclass(frozen=True)
-class Geom:
+class CollisionGeom:
     """A collision geom: body, capsule axis (``None`` for a sphere), and share of the mass."""
 
     body: str
@@ -253,23 +253,23 @@ class Geom:
     mass_share: float
 
 
-GEOMS: Mapping[str, Geom] = {
-    "hips": Geom("hips", X_AXIS, 0.14),
-    "waist": Geom("torso", X_AXIS, 0.13),
-    "chest": Geom("torso", X_AXIS, 0.10),
-    "right_shoulder": Geom("torso", X_AXIS, 0.05),
-    "left_shoulder": Geom("torso", X_AXIS, 0.05),
-    "neck": Geom("torso", Z_AXIS, 0.01),
-    "cranium": Geom("head", None, 0.05),
-    "jaw": Geom("head", None, 0.02),
-    **{f"{side}_{part}": Geom(f"{side}_{part}", axis, share)
+GEOMS: Mapping[str, CollisionGeom] = {
+    "hips": CollisionGeom("hips", X_AXIS, 0.14),
+    "waist": CollisionGeom("torso", X_AXIS, 0.13),
+    "chest": CollisionGeom("torso", X_AXIS, 0.10),
+    "right_shoulder": CollisionGeom("torso", X_AXIS, 0.05),
+    "left_shoulder": CollisionGeom("torso", X_AXIS, 0.05),
+    "neck": CollisionGeom("torso", Z_AXIS, 0.01),
+    "cranium": CollisionGeom("head", None, 0.05),
+    "jaw": CollisionGeom("head", None, 0.02),
+    **{f"{side}_{part}": CollisionGeom(f"{side}_{part}", axis, share)
        for side in ("right", "left")
        for part, axis, share in (("upper_arm", Z_AXIS, 0.033), ("forearm", Z_AXIS, 0.019), ("hand", None, 0.0065),
                                  ("thigh", Z_AXIS, 0.105), ("shin", Z_AXIS, 0.0475), ("foot", Y_AXIS, 0.014))},
 }  # fmt: skip
 
 
-def mass_shares() -> FloatArray:
+def body_mass_shares() -> FloatArray:
     """Returns the share (B,) of the person's mass in each of ``BODIES``."""
     return np.array([sum(geom.mass_share for geom in GEOMS.values() if geom.body == name) for name in BODIES])
 
@@ -281,10 +281,10 @@ def body_rotations(joint_angles_rad: FloatArray, posture: Posture = SEATED) -> d
 
 def body_rotation(body: str, joint_angles_rad: FloatArray, posture: Posture = SEATED) -> FloatArray:
     """Returns the rotation (N, 4) of one body relative to its parent, for joint angles (N, 20)."""
-    xp, angles = as_floats(joint_angles_rad)
+    xp, angles = namespace_and_floats(joint_angles_rad)
     turns = [(joint.axis, angles[..., i]) for i, joint in enumerate(JOINTS.values()) if joint.body == body]
-    if body in posture.rotations_deg():
-        turn = float(np.radians(posture.rotations_deg()[body]))
+    if body in posture.body_rotations_deg():
+        turn = float(np.radians(posture.body_rotations_deg()[body]))
         turns.append((X_AXIS, xp.full(angles.shape[:-1], turn, dtype=angles.dtype, device=angles.device)))
     rotation = xp.broadcast_to(constant_like(transforms.IDENTITY_QUATERNION, angles), (*angles.shape[:-1], 4))
     for axis, angle in turns:
@@ -296,11 +296,11 @@ def body_frames(
     people: People, posture: Posture = SEATED, bodies: Sequence[str] = BODIES
 ) -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
     """Returns positions (N, 3) and quaternions (N, 4) of bodies and their ancestors, by body; world frame."""
-    local_pos = layout_of_people(people, posture).body_pos
+    local_pos = body_layout_of_people(people, posture).body_pos
     pos_w: dict[str, FloatArray] = {}
     q_w: dict[str, FloatArray] = {}
     for body in _carrying(bodies):
-        local_q, parent = body_rotation(body, people.joint_angles_rad, posture), PARENTS[body]
+        local_q, parent = body_rotation(body, people.joint_angles_rad, posture), PARENT_BODIES[body]
         pos_w[body], q_w[body] = (
             (local_pos[body], local_q)
             if parent is None
@@ -316,12 +316,14 @@ def _carrying(bodies: Sequence[str]) -> list[str]:
         carrier: str | None = body
         while carrier is not None:
             found.add(carrier)
-            carrier = PARENTS[carrier]
-    return [body for body in PARENTS if body in found]
+            carrier = PARENT_BODIES[carrier]
+    return [body for body in PARENT_BODIES if body in found]
 
 
 _STANDING = Posture(hips_pos_w=(0.0, 0.0, 0.0), hips_deg=0.0, thigh_deg=0.0, shin_deg=0.0)
-BIND_RAD = joint_angles(right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0)
+BIND_POSE_RAD = seated_joint_angles(
+    right_shoulder_y=42.0, left_shoulder_y=-42.0, right_elbow_x=-45.0, left_elbow_x=-45.0
+)
 
 
 @lru_cache(maxsize=8)
@@ -337,11 +339,11 @@ def bind_frames(
     The person stands with the hips at the origin, and with half raised and half bent arms. The result is cached: do not
     modify it.
     """
-    person = Person(sex, torso_height_m, BIND_RAD, "fair", arm_scale, stature_m, bmi_kg_m2)
-    pos, q = body_frames(People.of([person]), _STANDING)
+    person = Person(sex, torso_height_m, BIND_POSE_RAD, "fair", arm_scale, stature_m, bmi_kg_m2)
+    pos, q = body_frames(People.from_persons([person]), _STANDING)
     return {body: pos[body][0] for body in BODIES}, {body: q[body][0] for body in BODIES}
 
 
 def _vector(x: float | FloatArray, y: float | FloatArray, z: float | FloatArray) -> FloatArray:
-    xp, *parts = as_floats(x, y, z)
+    xp, *parts = namespace_and_floats(x, y, z)
     return xp.stack(xp.broadcast_arrays(*parts), axis=-1)

@@ -22,7 +22,7 @@ class Joint:
     axis: tuple[float, float, float]
     lower_deg: float
     upper_deg: float
-    torque_n_m: float
+    torque_limit_n_m: float
 
 
 def _arm(side: str) -> dict[str, Joint]:
@@ -54,12 +54,12 @@ JOINTS: Mapping[str, Joint] = {
 adjacent; the first of them rotates about an axis that is fixed in the parent body."""
 
 JOINT_INDEX = {name: i for i, name in enumerate(JOINTS)}
-LOWER_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
-UPPER_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
-TORQUE_N_M = np.array([joint.torque_n_m for joint in JOINTS.values()])
+LOWER_LIMITS_RAD = np.radians([joint.lower_deg for joint in JOINTS.values()])
+UPPER_LIMITS_RAD = np.radians([joint.upper_deg for joint in JOINTS.values()])
+JOINT_TORQUE_LIMITS_N_M = np.array([joint.torque_limit_n_m for joint in JOINTS.values()])
 
 
-ARMATURE_KG_M2: Mapping[str, float] = {
+JOINT_ARMATURE_KG_M2: Mapping[str, float] = {
     "torso": 0.1, "head": 0.02,
     **{f"{side}_{part}": value for side in ("right", "left")
        for part, value in (("upper_arm", 0.02), ("forearm", 0.01), ("hand", 0.005))},
@@ -72,7 +72,7 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
 """Inertia about each body's joint for the servo gains, armature included."""
 
 
-def joint_angles(**degrees: float) -> FloatArray:
+def seated_joint_angles(**degrees: float) -> FloatArray:
     """Returns the seated pose (20,) in radians. Keyword arguments replace the angles of joints, in degrees.
 
     Raises:
@@ -85,4 +85,4 @@ def joint_angles(**degrees: float) -> FloatArray:
     return np.radians([pose.get(name, 0.0) for name in JOINTS])
 
 
-SEATED_RAD = joint_angles()
+SEATED_POSE_RAD = seated_joint_angles()

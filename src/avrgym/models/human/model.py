@@ -9,15 +9,15 @@ from avrgym.models import collision_bits
 from avrgym.models.geoms import CAPSULE, SPHERE, add_collision
 from avrgym.models.human.frames import (
     GEOMS,
-    PARENTS,
+    PARENT_BODIES,
     SEATED,
-    SITE_BODY,
-    Layout,
+    SITE_BODIES,
+    BodyLayout,
     Posture,
+    body_layout_of_people,
     body_rotations,
-    layout_of_people,
 )
-from avrgym.models.human.joints import ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X_AXIS, Y_AXIS
+from avrgym.models.human.joints import JOINT_ARMATURE_KG_M2, JOINTS, SERVO_INERTIA_KG_M2, X_AXIS, Y_AXIS
 from avrgym.models.human.person import People, Person
 
 PREFIX = "person/"
@@ -38,23 +38,23 @@ def add_person(spec: mujoco.MjSpec, person: Person, posture: Posture = SEATED, *
     A moving person has 20 actuated joints with position servos of limited torque. Gravity is compensated (muscle tone).
     A static person has no joints, and the pose of ``person.joint_angles_rad``.
     """
-    frames = layout_of_people(People.of([person]), posture)
+    frames = body_layout_of_people(People.from_persons([person]), posture)
     rotations = body_rotations(person.joint_angles_rad[None], posture)
     bodies: dict[str, mujoco.MjsBody] = {}
-    for name, parent in PARENTS.items():
+    for name, parent in PARENT_BODIES.items():
         owner = spec.worldbody if parent is None else bodies[parent]
         bodies[name] = owner.add_body(name=PREFIX + name, pos=frames.body_pos[name][0], gravcomp=1.0)
         driven = moving and any(joint.body == name for joint in JOINTS.values())
         if not driven:
             bodies[name].quat = rotations[name][0]
     _add_geoms(bodies, frames, float(np.atleast_1d(frames.proportions.mass)[0]))
-    for name, body in SITE_BODY.items():
+    for name, body in SITE_BODIES.items():
         bodies[body].add_site(name=PREFIX + name, pos=frames.site_pos[name][0], size=[0.005] * 3, group=4)
     if moving:
         _add_joints(spec, bodies)
 
 
-def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float) -> None:
+def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: BodyLayout, mass_kg: float) -> None:
     for name, geom in GEOMS.items():
         add_collision(
             bodies[geom.body],
@@ -68,7 +68,7 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: Layout, mass_kg: float
         )
 
 
-SERVO_FREQUENCY_RAD_S = 40.0
+PERSON_SERVO_FREQUENCY_RAD_S = 40.0
 """Natural frequency of the position servos. The delay behind the headset is about 2 / 40 s = 50 ms."""
 
 
@@ -79,16 +79,16 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
             type=mujoco.mjtJoint.mjJNT_HINGE,
             axis=joint.axis,
             range=np.radians([joint.lower_deg, joint.upper_deg]),
-            armature=ARMATURE_KG_M2[joint.body],
+            armature=JOINT_ARMATURE_KG_M2[joint.body],
         )
         actuator = spec.add_actuator(
             name=PREFIX + name,
             trntype=mujoco.mjtTrn.mjTRN_JOINT,
             target=PREFIX + name,
-            forcerange=[-joint.torque_n_m, joint.torque_n_m],
+            forcerange=[-joint.torque_limit_n_m, joint.torque_limit_n_m],
             ctrlrange=np.radians([joint.lower_deg, joint.upper_deg]),
         )
-        stiffness = SERVO_FREQUENCY_RAD_S**2 * SERVO_INERTIA_KG_M2[joint.body]
+        stiffness = PERSON_SERVO_FREQUENCY_RAD_S**2 * SERVO_INERTIA_KG_M2[joint.body]
         actuator.set_to_position(kp=stiffness, dampratio=1.0)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
-from avrgym.geometry.arrays import as_floats
+from avrgym.geometry.arrays import namespace_and_floats
 from avrgym.models.body_names import SEXES, Sex
 from avrgym.models.human.anthropometry import (
     ARM_SCALE_RANGE,
@@ -15,7 +15,7 @@ from avrgym.models.human.anthropometry import (
     STATURE_RANGE_M,
     TORSO_HEIGHT_RANGE_M,
 )
-from avrgym.models.human.joints import JOINTS, SEATED_RAD
+from avrgym.models.human.joints import JOINTS, SEATED_POSE_RAD
 
 SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
     "light": (0.90, 0.74, 0.65),
@@ -47,7 +47,7 @@ class Person:
 
     sex: Sex = "woman"
     torso_height_m: float = 0.54
-    joint_angles_rad: FloatArray = field(default_factory=lambda: SEATED_RAD.copy())
+    joint_angles_rad: FloatArray = field(default_factory=lambda: SEATED_POSE_RAD.copy())
     skin_tone: str = "fair"
     arm_scale: float = 1.0
     stature_m: float | None = None
@@ -138,7 +138,7 @@ class People:
     bmi_kg_m2: FloatArray
 
     @classmethod
-    def of(cls, persons: Iterable[Person]) -> "People":
+    def from_persons(cls, persons: Iterable[Person]) -> "People":
         """Returns the arrays of several ``Person`` records."""
         persons = list(persons)
         people = cls.unimpaired(
@@ -158,7 +158,7 @@ class People:
         cls, is_woman: BoolArray, torso_height_m: FloatArray, joint_angles_rad: FloatArray
     ) -> "People":
         """Returns people with full joint ranges and strength, without tremor and damping, with average arm lengths."""
-        xp, height, angles = as_floats(torso_height_m, joint_angles_rad)
+        xp, height, angles = namespace_and_floats(torso_height_m, joint_angles_rad)
         full = xp.ones_like(height)
         torques = xp.ones_like(xp.stack([angles, angles], axis=-1))
         none = xp.zeros_like(angles)
@@ -177,7 +177,7 @@ class People:
             unknown,
         )
 
-    def person(self, index: int) -> Person:
+    def person_at(self, index: int) -> Person:
         """Returns the person with this index."""
         sex = SEXES[int(self.is_woman[index])]
         return Person(

@@ -11,13 +11,13 @@ from itertools import product
 import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
-from avrgym.commands.preferences import SPEED_STEP, AppliedRules, CommandRules, apply_preferences
+from avrgym.commands.preferences import SPEED_FACTOR_STEP, ConditionRules, TrialRules, apply_preferences
 from avrgym.commands.vocabulary import CommandName
 from avrgym.people.zoo.partners import STYLE_LEVELS, PartnerSet, parameters_of, style_values
 from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING, COMMANDING_STYLE
 
-PARTNER_RULES: AppliedRules = apply_preferences(
-    CommandRules(policy="", commands=("ready", "wait", "slower", "faster", "stop"), sources=("key",)), None
+PARTNER_RULES: TrialRules = apply_preferences(
+    ConditionRules(policy="", commands=("ready", "wait", "slower", "faster", "stop"), sources=("key",)), None
 )
 """Rules of the pacing layer for these partners, unless the caller gives others."""
 
@@ -51,7 +51,7 @@ class CommandingPartners(PartnerSet):
 def _partners_of(zoo: str) -> CommandingPartners:
     values = [
         style_values(COMMANDING_STYLE, levels)
-        for levels in product(*(STYLE_LEVELS[zoo] for _ in COMMANDING_STYLE.axes))
+        for levels in product(*(STYLE_LEVELS[zoo] for _ in COMMANDING_STYLE.axis_ranges))
     ]
     commands = CommandParameters(*(np.array([each[name] for each in values]) for name in COMMAND_SOURCES))
     return CommandingPartners(parameters_of(values), ((0, len(values)),), commands)
@@ -104,8 +104,8 @@ class PartnerCommands:
         """
         begins = waiting & (self._waited_s == 0.0)
         excess = speed_factor - self._parameters.comfortable_speed
-        yield "slower", begins & (excess > 0.5 * SPEED_STEP)
-        yield "faster", begins & (excess < -0.5 * SPEED_STEP)
+        yield "slower", begins & (excess > 0.5 * SPEED_FACTOR_STEP)
+        yield "faster", begins & (excess < -0.5 * SPEED_FACTOR_STEP)
         self._waited_s = np.where(waiting, self._waited_s + step_s, 0.0)
         yield "ready", waiting & (self._waited_s >= self._parameters.ready_delay_s)
         before = self._wait_count()

@@ -16,25 +16,25 @@ from avrgym.models.human import JOINT_INDEX, People, Posture
 from avrgym.models.scene import CONTROL_STEP_S
 from avrgym.people import cooperation, motor
 from avrgym.people.cooperation import (
-    HEAD_TURN_RAD,
+    ARM_APPROACH_DISTANCE_M,
+    ARM_LIFT_ANGLE_RAD,
     LEAN_RAD,
-    LIFT_RAD,
-    NEAR_ARM_M,
-    NEAR_MOUTH_M,
-    OfferedPart,
+    MAX_HEAD_TURN_RAD,
+    MOUTH_APPROACH_DISTANCE_M,
+    OfferedBodyPart,
     PersonObservation,
 )
-from avrgym.people.motor import GOLDEN_RATIO_FRACTION, SPEED_RAD_S, MotorState
+from avrgym.people.motor import GOLDEN_RATIO_FRACTION, MAX_JOINT_SPEED_RAD_S, MotorState
 from avrgym.people.zoo.partners import BehaviourParameters
 
 JointLimiter = Callable[[FloatArray], FloatArray]
 """Function that clips joint angles (N, 20) of N people to their joint ranges."""
 
-STORED_TOOL_POSITIONS = 11
+TOOL_HISTORY_LENGTH = 11
 """Number of stored tool positions: the current position and those of the last second."""
-STARTLE_INTERVAL_S = 3.0
+MIN_STARTLE_INTERVAL_S = 3.0
 """Minimum time between two startles."""
-NEVER_S = 1e6
+NEVER_STARTLED_S = 1e6
 _WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 _HEAD = np.array([JOINT_INDEX[f"head_{axis}"] for axis in "xyz"])
 _SHOULDER, _ELBOW = JOINT_INDEX["right_shoulder_y"], JOINT_INDEX["right_elbow_x"]
@@ -47,7 +47,7 @@ class PartnerState:
     Attributes:
         parameters: table (N, 23) of ``BehaviourParameters``.
         uniforms: random numbers of each person, 0 to 1 (N, 4).
-        tool_history_w: latest tool positions (N, ``STORED_TOOL_POSITIONS``, 3), newest first.
+        tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
         rest_rad: initial joint angles (N, 20).
         targets_rad: joint targets without rhythmic motion (N, 20).
         speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
@@ -60,12 +60,12 @@ class PartnerState:
     parameters: FloatArray
     uniforms: FloatArray
     tool_history_w: FloatArray
-    rest_rad: FloatArray
-    targets_rad: FloatArray
-    speed_rad_s: FloatArray
+    initial_angles_rad: FloatArray
+    joint_targets_rad: FloatArray
+    target_speed_rad_s: FloatArray
     time_s: FloatArray
-    tool_near_s: FloatArray
-    since_startle_s: FloatArray
+    tool_near_duration_s: FloatArray
+    time_since_startle_s: FloatArray
     startle_count: FloatArray
 
 
@@ -90,23 +90,23 @@ def initial_state(people: People, parameters: BehaviourParameters, uniforms: Flo
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])
     return PartnerState(
-        parameters=parameters.table(),
+        parameters=parameters.to_table(),
         uniforms=uniforms,
         tool_history_w=xp.zeros(
-            (len(uniforms), STORED_TOOL_POSITIONS, 3), dtype=uniforms.dtype, device=uniforms.device
+            (len(uniforms), TOOL_HISTORY_LENGTH, 3), dtype=uniforms.dtype, device=uniforms.device
         ),
-        rest_rad=people.joint_angles_rad,
-        targets_rad=people.joint_angles_rad,
-        speed_rad_s=at_rest,
+        initial_angles_rad=people.joint_angles_rad,
+        joint_targets_rad=people.joint_angles_rad,
+        target_speed_rad_s=at_rest,
         time_s=none,
-        tool_near_s=none,
-        since_startle_s=xp.full_like(none, NEVER_S),
+        tool_near_duration_s=none,
+        time_since_startle_s=xp.full_like(none, NEVER_STARTLED_S),
         startle_count=none,
     )
 
 
-def choose_goals(
-    state: PartnerState, observation: PersonObservation, offered: OfferedPart, posture: Posture
+def choose_goal_angles(
+    state: PartnerState, observation: PersonObservation, offered: OfferedBodyPart, posture: Posture
 ) -> tuple[PartnerState, FloatArray]:
     """Returns the next state and the goal joint angles (N, 20) of partners, given an observation of the tool.
 
@@ -124,10 +124,10 @@ def choose_goals(
 
 def are_startled(state: PartnerState) -> BoolArray:
     """Returns a mask (N,) of the startled partners."""
-    return state.since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
+    return state.time_since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
 
 
-def motor_state(state: PartnerState, people: People) -> MotorState:
+def initial_motor_state(state: PartnerState, people: People) -> MotorState:
     """Returns the initial state of the motor model."""
     parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.uniforms
     further = motor.derive_uniforms(uniforms)
@@ -144,14 +144,14 @@ def motor_state(state: PartnerState, people: People) -> MotorState:
     )
 
 
-def steer_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
+def move_joint_targets(targets_rad: FloatArray, joints: Sequence[str], action: FloatArray) -> FloatArray:
     """Returns the targets (N, 20) after the K ``joints`` have moved for one control step.
 
-    ``action`` (N, K) is the joint speed divided by ``SPEED_RAD_S``, clipped to ±1.
+    ``action`` (N, K) is the joint speed divided by ``MAX_JOINT_SPEED_RAD_S``, clipped to ±1.
     """
     columns = np.array([JOINT_INDEX[name] for name in joints], dtype=np.intp)
     targets = float_copy(targets_rad)
-    reach = constant_like(CONTROL_STEP_S * SPEED_RAD_S[columns], targets)
+    reach = constant_like(CONTROL_STEP_S * MAX_JOINT_SPEED_RAD_S[columns], targets)
     targets[:, constant_like(columns, targets)] += reach * namespace(action).clip(action, -1.0, 1.0)
     return targets
 
@@ -160,7 +160,7 @@ def _perceive_tool(
     state: PartnerState,
     parameters: BehaviourParameters,
     observation: PersonObservation,
-    offered: OfferedPart,
+    offered: OfferedBodyPart,
     posture: Posture,
 ) -> _ToolPercept:
     """Returns the perceived tool. Its position is one reaction delay old, interpolated between two stored positions."""
@@ -171,7 +171,7 @@ def _perceive_tool(
     tool = (1.0 - share) * state.tool_history_w[row, whole] + share * state.tool_history_w[row, whole + 1]
     aware = state.time_s > parameters.reaction_s + 1.5 * CONTROL_STEP_S
     tool = xp.where(aware[:, None], tool, observation.mouth_pos_w)
-    ahead = cooperation.to_torso_frame(state.targets_rad, tool - observation.head_pos_w, posture)
+    ahead = cooperation.to_torso_frame(state.joint_targets_rad, tool - observation.head_pos_w, posture)
     match offered:
         case "mouth":
             gap = xp.where(ahead[:, 1] < 0.0, transforms.norm(tool - observation.mouth_pos_w), np.inf)
@@ -184,27 +184,31 @@ def _perceive_tool(
 
 
 def _update_startle(
-    state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
+    state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedBodyPart
 ) -> PartnerState:
     """Returns the state with updated times of a near tool and of startles."""
     xp = namespace(percept.gap_m)
-    near = percept.gap_m < (NEAR_ARM_M if offered == "arm" else NEAR_MOUTH_M)
+    near = percept.gap_m < (ARM_APPROACH_DISTANCE_M if offered == "arm" else MOUTH_APPROACH_DISTANCE_M)
     startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_distance_m)
-    startled &= state.since_startle_s > parameters.startle_duration_s + STARTLE_INTERVAL_S
+    startled &= state.time_since_startle_s > parameters.startle_duration_s + MIN_STARTLE_INTERVAL_S
     return replace(
         state,
-        tool_near_s=xp.where(near, state.tool_near_s + CONTROL_STEP_S, 0.0),
-        since_startle_s=xp.where(startled, 0.0, state.since_startle_s + CONTROL_STEP_S),
+        tool_near_duration_s=xp.where(near, state.tool_near_duration_s + CONTROL_STEP_S, 0.0),
+        time_since_startle_s=xp.where(startled, 0.0, state.time_since_startle_s + CONTROL_STEP_S),
         startle_count=state.startle_count + startled,
     )
 
 
 def _desired_angles(
-    state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedPart
+    state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedBodyPart
 ) -> FloatArray:
     """Returns the desired joint angles (N, 20), without limits of range and speed."""
-    desired = float_copy(state.rest_rad)
-    xp, most, head = namespace(desired), constant_like(HEAD_TURN_RAD, desired), constant_like(_HEAD, desired)
+    desired = float_copy(state.initial_angles_rad)
+    xp, most, head = (
+        namespace(desired),
+        constant_like(MAX_HEAD_TURN_RAD, desired),
+        constant_like(_HEAD, desired),
+    )
     faced = xp.clip(parameters.facing_share[:, None] * percept.facing_rad, -most, most)
     faces = percept.aware & (parameters.facing_share > 0.0)
     desired[:, head] = xp.where(faces[:, None], faced, desired[:, head])
@@ -235,19 +239,19 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
 
 
 def _approach(
-    desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedPart
+    desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedBodyPart
 ) -> None:
     """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
-    halves = xp.floor(state.tool_near_s / xp.where(hesitates, parameters.pause_s, 1.0))
-    come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), state.tool_near_s > 0.0)
+    halves = xp.floor(state.tool_near_duration_s / xp.where(hesitates, parameters.pause_s, 1.0))
+    come = xp.where(hesitates, xp.minimum(0.5 * halves, 1.0), state.tool_near_duration_s > 0.0)
     share = parameters.approach_share * come
     if offered == "mouth":
         desired[:, _WAIST[0]] += share * LEAN_RAD
     elif offered == "arm":
-        desired[:, _SHOULDER] += share * LIFT_RAD
-        desired[:, _ELBOW] += share * LIFT_RAD
+        desired[:, _SHOULDER] += share * ARM_LIFT_ANGLE_RAD
+        desired[:, _ELBOW] += share * ARM_LIFT_ANGLE_RAD
 
 
 def _withdraw(
@@ -255,11 +259,11 @@ def _withdraw(
     state: PartnerState,
     parameters: BehaviourParameters,
     percept: _ToolPercept,
-    offered: OfferedPart,
+    offered: OfferedBodyPart,
 ) -> None:
     """Change ``desired``: bend away from the tool, and turn the face away or withdraw the forearm."""
-    is_startled = (state.startle_count > 0.0) & (state.since_startle_s <= parameters.startle_duration_s)
-    extent_deg = parameters.withdrawal_deg * (state.tool_near_s > 0.0)
+    is_startled = (state.startle_count > 0.0) & (state.time_since_startle_s <= parameters.startle_duration_s)
+    extent_deg = parameters.withdrawal_deg * (state.tool_near_duration_s > 0.0)
     startle_deg = parameters.startle_deg * 0.5 ** (state.startle_count - 1.0)
     extent_deg = extent_deg + namespace(startle_deg).where(is_startled, startle_deg, 0.0)
     extent = RAD_PER_DEGREE * extent_deg

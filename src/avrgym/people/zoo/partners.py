@@ -18,10 +18,10 @@ from avrgym.commands.preferences import MAX_SPEED_FACTOR, MIN_SPEED_FACTOR
 from avrgym.geometry.arrays import RAD_PER_DEGREE, choose_index, constant_like, namespace
 from avrgym.models.human import JOINTS, People
 from avrgym.people import impairments
-from avrgym.people.impairments import TREMOR_TARGET_RAD
-from avrgym.people.motor import TREMOR_HZ
+from avrgym.people.impairments import MAX_TREMOR_TARGET_RAD
+from avrgym.people.motor import DEFAULT_TREMOR_HZ
 from avrgym.people.population_names import EXTREME_ZOO, TRAIN_ZOO, UNSEEN_ZOO
-from avrgym.people.zoo.styles import STYLES, Style
+from avrgym.people.zoo.styles import STYLES, BehaviourStyle
 from avrgym.system import random_streams
 
 STYLE_LEVELS: Mapping[str, tuple[float, ...]] = {
@@ -44,7 +44,7 @@ PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "comfortable_speed": (MIN_SPEED_FACTOR, MAX_SPEED_FACTOR),
 }
 """Bounds of parameters; for other parameters 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
-ANY_VALUE = (0.0, np.inf)
+DEFAULT_PARAMETER_BOUNDS = (0.0, np.inf)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class BehaviourParameters:
     strength_share: FloatArray
     range_share: FloatArray
 
-    def of(self, rows: IntArray, like: Any = 0.0) -> "BehaviourParameters":
+    def select_partners(self, rows: IntArray, like: Any = 0.0) -> "BehaviourParameters":
         """Returns the parameters of the partners ``rows``, with the array library and device of ``like``."""
         return BehaviourParameters(*(constant_like(array, like)[rows] for array in vars(self).values()))
 
@@ -103,7 +103,7 @@ class BehaviourParameters:
         """Returns the parameters in a table (P, 23) with a column for each of ``PARAMETER_NAMES``."""
         return cls(*(table[:, column] for column in range(len(PARAMETER_NAMES))))
 
-    def table(self) -> FloatArray:
+    def to_table(self) -> FloatArray:
         """Returns the parameters as a table (P, 23) with a column for each of ``PARAMETER_NAMES``."""
         arrays = list(vars(self).values())
         return namespace(arrays[0]).stack(arrays, axis=-1)
@@ -116,7 +116,7 @@ _DEFAULTS: Mapping[str, float] = {
     "range_share": 1.0,
     "glance_period_s": 1.0,
     "shift_period_s": 1.0,
-    "tremor_hz": TREMOR_HZ,
+    "tremor_hz": DEFAULT_TREMOR_HZ,
 }
 
 
@@ -134,15 +134,17 @@ def _partners() -> tuple[Partner, ...]:
         Partner(zoo, name, chosen)
         for zoo, levels in STYLE_LEVELS.items()
         for name, style in STYLES.items()
-        for chosen in product(*(levels if axis else (0.0,) for axis in style.axes))
+        for chosen in product(*(levels if axis else (0.0,) for axis in style.axis_ranges))
     )
 
 
-def style_values(style: Style, levels: tuple[float, ...]) -> dict[str, float]:
+def style_values(style: BehaviourStyle, levels: tuple[float, ...]) -> dict[str, float]:
     """Returns the parameter values of a style at levels on its axes."""
     return {
-        trait: float(np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(trait, ANY_VALUE)))
-        for axis, level in zip(style.axes, levels, strict=True)
+        trait: float(
+            np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(trait, DEFAULT_PARAMETER_BOUNDS))
+        )
+        for axis, level in zip(style.axis_ranges, levels, strict=True)
         for trait, (first, last) in axis.items()
     }
 
@@ -173,23 +175,23 @@ class PartnerSet:
     """
 
     parameters: BehaviourParameters
-    groups: tuple[tuple[int, int], ...]
+    group_rows: tuple[tuple[int, int], ...]
 
     def __len__(self) -> int:
-        return sum(count for _, count in self.groups)
+        return sum(count for _, count in self.group_rows)
 
     def draw_rows(self, uniforms: FloatArray) -> IntArray:
         """Sample n partners from uniform numbers (n, 2). Returns their rows (n,) in ``parameters``."""
-        first, count = (constant_like(each, uniforms) for each in np.array(self.groups).T.copy())
-        group = choose_index(uniforms[:, 0], len(self.groups))
+        first, count = (constant_like(each, uniforms) for each in np.array(self.group_rows).T.copy())
+        group = choose_index(uniforms[:, 0], len(self.group_rows))
         return first[group] + choose_index(uniforms[:, 1], count[group])
 
     def sample(self, uniforms: FloatArray) -> BehaviourParameters:
         """Sample n partners from uniform numbers (n, 2). Returns their parameters, arrays (n,)."""
-        return self.parameters.of(self.draw_rows(uniforms), uniforms)
+        return self.parameters.select_partners(self.draw_rows(uniforms), uniforms)
 
 
-FITTED_PARTNERS = 512
+NUM_FITTED_PARTNERS = 512
 """Number of partners that are sampled for a fitted population."""
 
 
@@ -201,11 +203,11 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
             participant. Its parameters are normally distributed and clipped to ``PARAMETER_BOUNDS``. Parameters without
             an estimate have their default values.
     """
-    random = random_streams.fitted_partner_generator()
-    normal = random.standard_normal((FITTED_PARTNERS, len(PARAMETER_NAMES)))
+    random = random_streams.fitted_population_generator()
+    normal = random.standard_normal((NUM_FITTED_PARTNERS, len(PARAMETER_NAMES)))
     values = [
         {
-            name: float(np.clip(mean + deviation * z, *PARAMETER_BOUNDS.get(name, ANY_VALUE)))
+            name: float(np.clip(mean + deviation * z, *PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS)))
             for name, z in zip(PARAMETER_NAMES, row, strict=True)
             if name in estimate
             for mean, deviation in [estimate[name]]
@@ -224,12 +226,12 @@ def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
     return PartnerSet(PARTNER_PARAMETERS, tuple((rows[0], len(rows)) for rows in places))
 
 
-ZOOS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in STYLE_LEVELS}
+ZOO_PARTNER_SETS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in STYLE_LEVELS}
 SINGLE_STYLE_SETS: Mapping[str, PartnerSet] = {
     f"{zoo}/{style}": _zoo_set(zoo, [style]) for zoo in STYLE_LEVELS for style in STYLES
 }
 
-_TREMOR_SHARE = TREMOR_TARGET_RAD / TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
+_TREMOR_SHARE = MAX_TREMOR_TARGET_RAD / MAX_TREMOR_TARGET_RAD[list(JOINTS).index("head_x")]
 
 
 def apply_partner_bodies(people: People, parameters: BehaviourParameters) -> People:

@@ -10,7 +10,7 @@ from avrgym.robots.mounts import mounts_on_furniture
 from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
-JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
+ROBOT_ARM_JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 BASE_POS_W, LEFT_BASE_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
 """Positions of the base on the person's right and left. The left one is lower: the elbow then has enough space in front
 of a stretched arm of the person."""
@@ -25,13 +25,13 @@ def build(appearance: bool) -> mujoco.MjSpec:
     return spec
 
 
-SPEED_DEG_S = 50.0
-TORQUE_N_M = (39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0)
+SPEED_LIMIT_DEG_S = 50.0
+TORQUE_LIMITS_N_M = (39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0)
 """Limits of Kinova's description (GEN3_URDF_V12)."""
 SEED_POSE_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
 _ARM = tuned_arm(
-    build, JOINTS, "hand", np.radians(SEED_POSE_DEG),
-    speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+    build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG),
+    speed_limit=np.radians(SPEED_LIMIT_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
 )  # fmt: skip
 GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.142), 0.0192
 

@@ -11,7 +11,7 @@ from avrgym.models.robot import Arm, Grip, Robot
 from avrgym.robots.mounts import mounts_on_furniture
 from avrgym.robots.rtb_data import rtb_data_path
 
-MESHES = rtb_data_path("kinova_description/meshes")
+MESH_FOLDER = rtb_data_path("kinova_description/meshes")
 MAX_SHOULDER_HEIGHT_M = 0.33
 """Maximum height of the shoulder above the mount."""
 BASE_POS_W = (-0.35, -0.30, 0.36)
@@ -20,7 +20,7 @@ BASE_POS_W = (-0.35, -0.30, 0.36)
 def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the arm with its hand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.jaco").joinpath("jaco.xml").read_text())
-    spec.meshdir = str(MESHES)
+    spec.meshdir = str(MESH_FOLDER)
     return spec
 
 

@@ -7,14 +7,14 @@ import mujoco
 import numpy as np
 
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
-from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, mount_next_to_person
+from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
 from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
-MESHES = "franka_description/meshes/visual"
-LINKS = (*(f"link{i}" for i in range(8)), "hand")
-FINGERS = ("left_finger", "right_finger")
-JOINTS = tuple(f"joint{i}" for i in range(1, 8))
+MESH_FOLDER = "franka_description/meshes/visual"
+MESH_LINKS = (*(f"link{i}" for i in range(8)), "hand")
+FINGER_NAMES = ("left_finger", "right_finger")
+ROBOT_ARM_JOINTS = tuple(f"joint{i}" for i in range(1, 8))
 STAND_HEIGHT_M = 0.55
 
 
@@ -22,14 +22,14 @@ def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the arm with its hand, on the stand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.panda").joinpath("panda.xml").read_text())
     if appearance:
-        meshes = {link: f"{link}.dae" for link in LINKS} | dict.fromkeys(FINGERS, "finger.dae")
-        add_meshes(spec, MESHES, meshes)
+        meshes = {link: f"{link}.dae" for link in MESH_LINKS} | dict.fromkeys(FINGER_NAMES, "finger.dae")
+        add_meshes(spec, MESH_FOLDER, meshes)
     add_stand(spec, "link0", STAND_HEIGHT_M, appearance=appearance)
     return spec
 
 
-SPEED_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
-TORQUE_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
+SPEED_LIMITS_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
+TORQUE_LIMITS_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
 """Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Franka Emika's
 data sheet allows 150 and 180 °/s, 87 and 12 N m."""
 SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
@@ -41,8 +41,8 @@ SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
 
 def _arm(side: Side) -> Arm:
     return tuned_arm(
-        build, JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
-        speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+        build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
+        speed_limit=np.radians(SPEED_LIMITS_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
     )  # fmt: skip
 
 
@@ -51,7 +51,7 @@ GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.0, 0.0, 0.1034), 0.0089
 
 def _fingers(opening_m: float) -> dict[str, float]:
     """Returns the joint positions of both fingers: their distance from the middle of the hand, at most 0.04 m."""
-    return dict.fromkeys(FINGERS, opening_m)
+    return dict.fromkeys(FINGER_NAMES, opening_m)
 
 
 PANDA = Robot(
@@ -70,5 +70,5 @@ PANDA = Robot(
         scratcher=_fingers(0.0056),
         washcloth=_fingers(0.0098),
     ),
-    half_width_m=HALF_WIDTH_M,
+    half_width_m=STAND_HALF_WIDTH_M,
 )

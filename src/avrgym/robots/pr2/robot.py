@@ -12,32 +12,32 @@ from avrgym.models.robot import SIDES, Arm, BaseRange, CameraMount, Grip, Mount,
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.rtb_data import rtb_data_path
 
-MESHES = rtb_data_path("pr2_description/meshes")
+MESH_FOLDER = rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
 """Position of the base next to the person. The robot faces the person's right side (reference)."""
-YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
-JOINTS = (
+BASE_YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
+ROBOT_ARM_JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
-FIXED_POSE_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
+FIXED_ARM_POSE_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
 SEED_POSE_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
 """Poses of the left arm; the poses of the right arm are mirrored."""
-MIRROR_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+MIRRORED_JOINT_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the robot with raised torso and tilted head."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
-    spec.meshdir = str(MESHES)
+    spec.meshdir = str(MESH_FOLDER)
     return spec
 
 
 def _joints(side: Side) -> tuple[str, ...]:
-    return tuple(f"{side[0]}_{joint}_joint" for joint in JOINTS)
+    return tuple(f"{side[0]}_{joint}_joint" for joint in ROBOT_ARM_JOINTS)
 
 
 def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
-    return left_rad if side == "left" else MIRROR_SIGNS * left_rad
+    return left_rad if side == "left" else MIRRORED_JOINT_SIGNS * left_rad
 
 
 def _arm(side: Side) -> Arm:
@@ -96,16 +96,16 @@ PR2 = Robot(
     torso="torso_lift_link",
     arms={side: _arm(side) for side in SIDES},
     mounts={
-        "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), YAW_RANGE_RAD)),
+        "wheelchair": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.5), BASE_YAW_RANGE_RAD)),
         # With a larger y, the raised backrest blocks the arm.
-        "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), YAW_RANGE_RAD)),
+        "bed": Mount(BASE_POS_M, 0.0, BaseRange((-0.5, 0.0), (-0.5, 0.3), BASE_YAW_RANGE_RAD)),
     },
     grips=GRIPS,
     half_width_m=0.335,
     fixed_joints={
         joint: float(angle)
         for side in SIDES
-        for joint, angle in zip(_joints(side), _pose(side, FIXED_POSE_RAD), strict=True)
+        for joint, angle in zip(_joints(side), _pose(side, FIXED_ARM_POSE_RAD), strict=True)
     },
     cameras={
         # The colour camera of the Kinect above the head: 57° wide at 4 : 3 (kinect_prosilica_camera.urdf.xacro).

@@ -10,15 +10,15 @@ import numpy as np
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.robot import Arm, BaseRange, CameraMount, Grip, Mount, Robot
 from avrgym.robots.parallel_gripper import TOOL_ROTATIONS
-from avrgym.system.optional_robots import PACKAGES
+from avrgym.system.optional_robots import MESH_PACKAGES
 
-MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION = 24.8, 9.81, 0.6
+ROBOT_MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION_COEFFICIENT = 24.8, 9.81, 0.6
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the robot. Its arm extends to its right."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.stretch").joinpath("stretch.xml").read_text())
-    spec.meshdir = str(Path(str(files(PACKAGES["Stretch"]))) / "SE3" / "meshes")
+    spec.meshdir = str(Path(str(files(MESH_PACKAGES["Stretch"]))) / "SE3" / "meshes")
     return spec
 
 
@@ -57,7 +57,7 @@ DRIVE = DifferentialDrive(
     turn_limit_rad_s=0.5,
     track_width_m=0.3407,
     force_limit_n=40.0,
-    lateral_force_limit_n=WHEEL_FRICTION * MASS_KG * GRAVITY_M_S2,
+    lateral_force_limit_n=WHEEL_FRICTION_COEFFICIENT * ROBOT_MASS_KG * GRAVITY_M_S2,
 )
 """Maximum speed: robot_params_SE3.py. Track width: the description's wheel joints. The turn rate, the force (an
 acceleration of 1.6 m/s²) and the friction are assumptions."""

@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
-from avrgym.robots.mounts import HALF_WIDTH_M, STAND_BODY, add_stand, mount_next_to_person
+from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
-MESHES = "ur_description/meshes/ur5/visual"
-LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
-JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
+MESH_FOLDER = "ur_description/meshes/ur5/visual"
+MESH_LINKS = ("base", "shoulder", "upperarm", "forearm", "wrist1", "wrist2", "wrist3")
+ROBOT_ARM_JOINTS = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 STAND_HEIGHT_M = 0.65
 
 
@@ -22,13 +22,13 @@ def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the arm with a parallel gripper, on the stand."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.ur5").joinpath("ur5.xml").read_text())
     if appearance:
-        add_meshes(spec, MESHES, {link: f"{link}.dae" for link in LINKS})
+        add_meshes(spec, MESH_FOLDER, {link: f"{link}.dae" for link in MESH_LINKS})
     add_stand(spec, "base", STAND_HEIGHT_M, appearance=appearance)
     return spec
 
 
-SPEED_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
-TORQUE_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
+SPEED_LIMITS_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
+TORQUE_LIMITS_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
 """Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Universal
 Robots' data sheet allows 180 °/s, the public description 150 and 28 N m."""
 SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
@@ -40,8 +40,8 @@ SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
 
 def _arm(side: Side) -> Arm:
     return tuned_arm(
-        build, JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
-        speed_limit=np.radians(SPEED_DEG_S), effort_limit=TORQUE_N_M,
+        build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
+        speed_limit=np.radians(SPEED_LIMITS_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
     )  # fmt: skip
 
 
@@ -69,5 +69,5 @@ UR5 = Robot(
         scratcher=_fingers(0.0056),
         washcloth=_fingers(0.0098),
     ),
-    half_width_m=HALF_WIDTH_M,
+    half_width_m=STAND_HALF_WIDTH_M,
 )

@@ -17,7 +17,7 @@ from typing import Any
 
 import warp as wp
 
-ContactParameters = wp.types.vector(length=5, dtype=wp.float32)
+SolimpVector = wp.types.vector(length=5, dtype=wp.float32)
 """MuJoCo's contact parameters ``solimp``: impedance as a function of depth."""
 
 
@@ -31,7 +31,7 @@ def _correct(
     priority: wp.array(dtype=int),
     stiffness_damping_of_geom: wp.array2d(dtype=wp.vec2),
     stiffness_damping: wp.array(dtype=wp.vec2),
-    impedance: wp.array(dtype=ContactParameters),
+    impedance: wp.array(dtype=SolimpVector),
 ):
     contact = wp.tid()
     if contact >= count[0]:
@@ -54,7 +54,7 @@ def _correct(
             gone = 1.0 - (1.0 - middle) * wp.pow((1.0 - share) / (1.0 - middle), power)
         now = first + gone * (last - first)
         ratio = now / last
-        impedance[contact] = ContactParameters(now, now, at[2], middle, power)
+        impedance[contact] = SolimpVector(now, now, at[2], middle, power)
         given = wp.vec2(given[0] * ratio * ratio, given[1] * ratio)
     stiffness_damping[contact] = given
 

@@ -9,12 +9,12 @@ from mujoco.batch import Batch
 from avrgym.array_types import IntArray
 from avrgym.models.drive import DRIVE_JOINTS
 from avrgym.models.robot import PREFIX
-from avrgym.system.engines import ENGINES, THREADS, WARP
-from avrgym.system.memory import available_bytes
+from avrgym.system.engines import ENGINE_CHOICES, THREADS, WARP
+from avrgym.system.memory import available_memory_bytes
 
 
 @dataclass(frozen=True)
-class Arrays:
+class WorldArrays:
     """Arrays of the current state of N worlds, with MuJoCo's names. The first axis is the world.
 
     They are NumPy arrays or tensors on a device.
@@ -35,13 +35,13 @@ class Arrays:
     geom_xmat: Any
 
     @classmethod
-    def of(cls, batch: Batch) -> "Arrays":
+    def from_batch(cls, batch: Batch) -> "WorldArrays":
         """Returns the arrays of a batch."""
-        return cls(**{name: batch.bind(name) for name in ARRAY_NAMES})
+        return cls(**{name: batch.bind(name) for name in WORLD_ARRAY_NAMES})
 
 
-ARRAY_NAMES = tuple(each.name for each in fields(Arrays))
-WRITABLE_NAMES = ARRAY_NAMES[:5]
+WORLD_ARRAY_NAMES = tuple(each.name for each in fields(WorldArrays))
+WRITABLE_ARRAY_NAMES = WORLD_ARRAY_NAMES[:5]
 """Names of the arrays that callers may write between steps."""
 
 
@@ -59,7 +59,7 @@ class Engine(Protocol):
     name: str
     device: str
     batch: Batch
-    now: Arrays
+    world_arrays: WorldArrays
 
     def copy_from_host(self, ids: IntArray) -> None:
         """Copy models and states of worlds ``ids`` (n,) from ``batch``. The next step starts from them."""
@@ -85,7 +85,7 @@ class Engine(Protocol):
         """
         ...
 
-    def check(self) -> None:
+    def check_overflow(self) -> None:
         """Check all steps since the last check for overflow.
 
         Raises:
@@ -100,7 +100,7 @@ def make_engine(
     """Returns the engine with this name.
 
     Args:
-        engine: one of ``ENGINES``.
+        engine: one of ``ENGINE_CHOICES``.
         model: the model of all worlds.
         num_worlds: N.
         num_threads: threads of the host; 0: one per core.
@@ -112,40 +112,40 @@ def make_engine(
             Also for cloth or a driving robot with ``warp``.
         RuntimeError: if a package that the engine needs is not installed.
     """
-    check_engine(engine)
+    check_engine_name(engine)
     name, _, device = engine.partition(":")
     if name == THREADS:
         if on_device:
             raise ValueError(
                 f"engine {engine!r} has no device; allowed: on_device=False, or engine warp or warp:DEVICE"
             )
-        from avrgym.simulation.engines.threads import Threads
+        from avrgym.simulation.engines.threads import ThreadsEngine
 
-        return Threads(model, num_worlds, num_threads)
+        return ThreadsEngine(model, num_worlds, num_threads)
     if model.nflex:
         raise ValueError(f"engine {name!r} does not simulate cloth; allowed: {THREADS}")
     if PREFIX + DRIVE_JOINTS[0] in [model.joint(joint).name for joint in range(model.njnt)]:
         raise ValueError(f"engine {name!r} does not simulate robots that drive; allowed: {THREADS}")
-    from avrgym.simulation.engines.warp import Warp
+    from avrgym.simulation.engines.warp import WarpEngine
 
-    return Warp(model, num_worlds, num_threads, device, on_device=on_device)
+    return WarpEngine(model, num_worlds, num_threads, device, on_device=on_device)
 
 
-def check_engine(engine: str) -> None:
+def check_engine_name(engine: str) -> None:
     """Raises ``ValueError`` for an unknown engine name. The message lists the allowed names."""
     name, colon, device = engine.partition(":")
     if engine != THREADS and (name != WARP or bool(colon) != bool(device)):
-        raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINES}")
+        raise ValueError(f"unknown engine {engine!r}; allowed: {ENGINE_CHOICES}")
 
 
-def check_available(engine: str) -> None:
+def check_engine_available(engine: str) -> None:
     """Check that an engine can run on this computer.
 
     Raises:
         ValueError: for an unknown engine or device.
         RuntimeError: if a package that the engine needs is not installed.
     """
-    check_engine(engine)
+    check_engine_name(engine)
     if engine != THREADS:
         from avrgym.simulation.engines.warp import find_device
 
@@ -163,4 +163,4 @@ def check_memory(num_worlds: int, bytes_per_world: int, free_bytes: int | None, 
 
 def check_host_memory(num_worlds: int, model: mujoco.MjModel) -> None:
     """Raises ``ValueError`` for more worlds than the host's memory allows; see ``check_memory``."""
-    check_memory(num_worlds, int(mujoco.MjData(model).nbuffer), available_bytes(), "this computer")
+    check_memory(num_worlds, int(mujoco.MjData(model).nbuffer), available_memory_bytes(), "this computer")

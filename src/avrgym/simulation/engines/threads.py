@@ -6,11 +6,11 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.simulation.engines.batch import ForkSafeBatch
-from avrgym.simulation.engines.engine import Arrays, check_host_memory
+from avrgym.simulation.engines.engine import WorldArrays, check_host_memory
 from avrgym.system.engines import THREADS
 
 
-class Threads:
+class ThreadsEngine:
     """An ``Engine`` that steps the worlds of its batch."""
 
     name, device = THREADS, "cpu"
@@ -19,7 +19,7 @@ class Threads:
         """Create the worlds. ``num_threads`` 0: one thread per core."""
         check_host_memory(num_worlds, model)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
-        self.now = Arrays.of(self.batch)
+        self.world_arrays = WorldArrays.from_batch(self.batch)
 
     def copy_from_host(self, ids: IntArray) -> None:
         """Does nothing: the worlds are on the host."""
@@ -34,13 +34,13 @@ class Threads:
     def step_with_controls(self, columns: IntArray, values: FloatArray) -> None:
         """Advance all worlds by K physics steps, see ``Engine.step_with_controls``."""
         if len(values) == 1:
-            self.now.ctrl[:, columns] = values[0]
+            self.world_arrays.ctrl[:, columns] = values[0]
             self.step(1)
             return
-        controls = np.repeat(self.now.ctrl[:, None], len(values), axis=1)
+        controls = np.repeat(self.world_arrays.ctrl[:, None], len(values), axis=1)
         controls[..., columns] = values.transpose(1, 0, 2)
         self.batch.rollout(len(values), controls, record=())
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
 
-    def check(self) -> None:
+    def check_overflow(self) -> None:
         """Does nothing: memory on the host grows as needed."""

@@ -19,21 +19,21 @@ from avrgym.geometry.arrays import to_numpy
 from avrgym.models.collision_bits import PARTICLE
 from avrgym.simulation.engines.batch import ForkSafeBatch
 from avrgym.simulation.engines.engine import (
-    ARRAY_NAMES,
-    WRITABLE_NAMES,
-    Arrays,
+    WORLD_ARRAY_NAMES,
+    WRITABLE_ARRAY_NAMES,
+    WorldArrays,
     check_host_memory,
     check_memory,
 )
 from avrgym.system.engines import WARP
-from avrgym.system.memory import available_bytes
+from avrgym.system.memory import available_memory_bytes
 
 CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
 """Number of contacts for which a world has memory, and number of additional contacts per particle. They are twice the
 maximum in the drinking task."""
-ROWS_PER_CONTACT = 4
+CONSTRAINT_ROWS_PER_CONTACT = 4
 """Number of constraint rows per contact: one for each side of the pyramid that approximates the friction cone."""
-SENSOR_CONTACTS = 96
+MAX_SENSOR_CONTACTS = 96
 """Number of contacts among which a sensor finds the strongest."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
 """Flags in Warp's ``overflow`` that report no memory overflow: the solver reached its maximum number of iterations."""
@@ -62,7 +62,7 @@ def import_libraries() -> _Libraries:
         ) from error
 
 
-class Warp:
+class WarpEngine:
     """An ``Engine`` on a GPU. ``now`` contains tensors of Warp's memory, or host copies that each step updates."""
 
     name = WARP
@@ -79,17 +79,17 @@ class Warp:
         self._warp, self._mujoco_warp, self._torch = import_libraries()
         self._device = find_device(device)
         self.device, self._num_worlds = str(self._device.name), num_worlds
-        self._capacity = Capacity.of(model)
+        self._capacity = WorldCapacity.from_model(model)
         check_host_memory(num_worlds, model)
         check_memory(num_worlds, self._bytes_per_world(model), self._free_bytes(), self.device)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads)
-        self._host, self._warm_start = Arrays.of(self.batch), self.batch.bind("qacc_warmstart")
+        self._host, self._warm_start = WorldArrays.from_batch(self.batch), self.batch.bind("qacc_warmstart")
         self._data = self._made(model, num_worlds)
         host = self._host
-        self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in ARRAY_NAMES}
+        self._there = {name: self._tensor(name).view(getattr(host, name).shape) for name in WORLD_ARRAY_NAMES}
         self._on_device = on_device
-        self.now = Arrays(
-            **(self._there if on_device else {name: getattr(host, name).copy() for name in ARRAY_NAMES})
+        self.world_arrays = WorldArrays(
+            **(self._there if on_device else {name: getattr(host, name).copy() for name in WORLD_ARRAY_NAMES})
         )
         self._model: Any = None
         self._varying: dict[str, Any] = {}
@@ -103,23 +103,23 @@ class Warp:
         """
         if self._model is None:
             self._make_model()
-        self.check()
+        self.check_overflow()
         rows = self._torch.as_tensor(ids, device=self._place)
         for name, field in self._varying.items():
             values = self.batch.expanded(name)
             assert values is not None
             self._put(field, rows, values[ids])
         self._put(self._tensor("qacc_warmstart"), rows, self._warm_start[ids])
-        for name in ARRAY_NAMES:
+        for name in WORLD_ARRAY_NAMES:
             values = getattr(self._host, name)[ids]
             self._put(self._there[name], rows, values)
             if not self._on_device:
-                getattr(self.now, name)[ids] = values
+                getattr(self.world_arrays, name)[ids] = values
 
     def copy_to_host(self, ids: IntArray) -> None:
         """Copy states to ``batch``, see ``Engine.copy_to_host``. Also computes all quantities that depend on them."""
-        for name in WRITABLE_NAMES:
-            getattr(self._host, name)[ids] = to_numpy(getattr(self.now, name))[ids]
+        for name in WRITABLE_ARRAY_NAMES:
+            getattr(self._host, name)[ids] = to_numpy(getattr(self.world_arrays, name))[ids]
         self._warm_start[ids] = to_numpy(self._tensor("qacc_warmstart"))[ids]
         self.batch.forward(ids, stage=mujoco.mjtStage.mjSTAGE_VEL)
 
@@ -128,17 +128,17 @@ class Warp:
         if self._on_device:
             self._run(substeps)
             return
-        for name in WRITABLE_NAMES:
-            self._there[name].copy_(self._torch.as_tensor(getattr(self.now, name)))
+        for name in WRITABLE_ARRAY_NAMES:
+            self._there[name].copy_(self._torch.as_tensor(getattr(self.world_arrays, name)))
         self._run(substeps)
-        for name in ARRAY_NAMES:
-            getattr(self.now, name)[:] = to_numpy(self._there[name])
-        self.check()
+        for name in WORLD_ARRAY_NAMES:
+            getattr(self.world_arrays, name)[:] = to_numpy(self._there[name])
+        self.check_overflow()
 
     def step_with_controls(self, columns: Any, values: Any) -> None:
         """Advance all worlds by K physics steps, see ``Engine.step_with_controls``."""
         for each in values:
-            self.now.ctrl[:, columns] = each
+            self.world_arrays.ctrl[:, columns] = each
             self.step(1)
 
     def _run(self, substeps: int) -> None:
@@ -179,7 +179,7 @@ class Warp:
         varying = [name for name in names if self.batch.expanded(name) is not None]
         with self._warp.ScopedDevice(self._device):
             self._model = self._mujoco_warp.put_model(model, dict.fromkeys(varying, self._num_worlds))
-        self._model.opt.contact_sensor_maxmatch = SENSOR_CONTACTS
+        self._model.opt.contact_sensor_maxmatch = MAX_SENSOR_CONTACTS
         self._model.opt.warn_overflow = 0
         self._model.callback.contactfilter = import_module(
             "avrgym.simulation.engines.contact_corrections"
@@ -189,10 +189,10 @@ class Warp:
     def _made(self, model: mujoco.MjModel, num_worlds: int) -> Any:
         with self._warp.ScopedDevice(self._device):
             return self._mujoco_warp.make_data(
-                model, num_worlds, nconmax=self._capacity.contacts, njmax=self._capacity.rows
+                model, num_worlds, nconmax=self._capacity.contacts, njmax=self._capacity.constraint_rows
             )
 
-    def check(self) -> None:
+    def check_overflow(self) -> None:
         """Check the overflow flags of all worlds, see ``Engine.check``."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS_OVERFLOWS]
@@ -203,7 +203,7 @@ class Warp:
             raise RuntimeError(
                 f"buffers of engine 'warp' overflowed: {told} of {len(flags)} worlds; use fewer particles or engine "
                 f"'threads'. Each world has memory for "
-                f"{self._capacity.contacts} contacts and {self._capacity.rows} rows of constraints"
+                f"{self._capacity.contacts} contacts and {self._capacity.constraint_rows} rows of constraints"
             )
 
     def _bytes_per_world(self, model: mujoco.MjModel) -> int:
@@ -212,7 +212,7 @@ class Warp:
         return sum(int(part.capacity) for part in parts if isinstance(part, self._warp.array))
 
     def _free_bytes(self) -> int | None:
-        return int(self._device.free_memory) if self._device.is_cuda else available_bytes()
+        return int(self._device.free_memory) if self._device.is_cuda else available_memory_bytes()
 
     @property
     def _place(self) -> str:
@@ -234,19 +234,19 @@ def _has_worlds(field: Field[Any]) -> bool:
     return field.name in MODEL_FIELDS and tuple(getattr(field.type, "shape", ()))[:1] == ("*",)
 
 
-class Capacity(NamedTuple):
+class WorldCapacity(NamedTuple):
     """Memory of each world: mean number of contacts, and maximum number of constraint rows."""
 
     contacts: int
-    rows: int
+    constraint_rows: int
 
     @classmethod
-    def of(cls, model: mujoco.MjModel) -> "Capacity":
+    def from_model(cls, model: mujoco.MjModel) -> "WorldCapacity":
         """Returns the capacity that a scene needs."""
         contacts = CONTACTS_PER_WORLD + CONTACTS_PER_PARTICLE * int(
             (model.geom_contype == PARTICLE.contype).sum()
         )
-        return cls(contacts, ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
+        return cls(contacts, CONSTRAINT_ROWS_PER_CONTACT * contacts + 2 * int(model.njnt))
 
 
 def _first_gpu(torch: Any) -> str:

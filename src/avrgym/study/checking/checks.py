@@ -5,15 +5,15 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS
 from avrgym.recording import answers_file
 from avrgym.recording.reader import Recording, RecordingError, read_recording
 from avrgym.recording.schema import Metrics
 from avrgym.recording.streams import SampleTimes, stream_sample_times, streams_by_name
 from avrgym.study.checking.consent_checks import check_consents
-from avrgym.study.checking.database_checks import check_database, check_private
+from avrgym.study.checking.database_checks import check_database, check_private_files
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
-from avrgym.study.checking.finding import Finding, excluded_trial
+from avrgym.study.checking.finding import Finding, excluded_trial_finding
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.plugin_checks import check_plugins
@@ -22,9 +22,13 @@ from avrgym.study.checking.preflight import check_initial_states, policy_errors
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.design.design import Design
-from avrgym.study.people.retention import describe_due_deletions, recording_deletion_times, today
-from avrgym.study.storage.answers import answered_in_visit, had_open_questionnaire, has_open_questionnaire
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, recording_sha256
+from avrgym.study.people.retention import describe_due_deletions, recording_deletion_times, today_utc
+from avrgym.study.storage.answers import (
+    had_open_questionnaire,
+    has_open_questionnaire,
+    items_answered_in_visit,
+)
+from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE, recording_sha256
 from avrgym.study.storage.rows import (
     RECORDINGS,
     Participant,
@@ -36,9 +40,9 @@ from avrgym.study.storage.rows import (
     pseudonym_of,
 )
 from avrgym.study.storage.session_designs import session_designs
-from avrgym.study.storage.sites import RECORDING_LEFT_OUT
-from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.sites import OMITTED_RECORDING_EVENT
+from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION, StudyError
+from avrgym.study.storage.store import Store, find_rows
 
 _MAX_LISTED = 3
 """Maximum number of clock resets in a message."""
@@ -47,7 +51,7 @@ _MAX_LISTED = 3
 def check_study(store: Store) -> list[Finding]:
     """Returns the findings of all checks of a study. Nothing is changed."""
     findings: list[Finding] = []
-    for check in CHECKS:
+    for check in STUDY_CHECKS:
         try:
             findings += check(store)
         except StudyError as error:  # a damaged row can stop a check
@@ -66,7 +70,7 @@ def check_stray_files(store: Store) -> Iterator[Finding]:
     """Yields findings about files in the recordings folder that belong to no attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
-    gone = {pseudonym_of(each.number) for each in store.tombstones()}  # another check reports them
+    gone = {pseudonym_of(each.number) for each in store.deleted_participants()}  # another check reports them
     expected = {*recordings, *(answers_file.answers_path(name).as_posix() for name in recordings)}
     return (
         _check_stray(store, name) for name in _files(store) if name not in expected and not _is_of(name, gone)
@@ -81,7 +85,7 @@ def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
 def _check_stray(store: Store, name: str) -> Finding:
     """Returns the finding about a file that belongs to no attempt. A killed session can leave such a file."""
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
-    own = name.rpartition("/")[0] in {session.folder for session in sessions}
+    own = name.rpartition("/")[0] in {session.recordings_folder for session in sessions}
     if own and not _is_completed(store.folder / name):
         return Finding(name, "was opened for an attempt that did not begin", is_error=False)
     return Finding(name, "belongs to no attempt of this study")
@@ -96,10 +100,12 @@ def _is_completed(path: Path) -> bool:
 
 def check_retention_periods(store: Store) -> Iterator[Finding]:
     """Yields findings about data after the end of their retention period."""
-    return (Finding("retention", words, is_error=False) for words in describe_due_deletions(store, today()))
+    return (
+        Finding("retention", words, is_error=False) for words in describe_due_deletions(store, today_utc())
+    )
 
 
-def check_policies(store: Store) -> Iterator[Finding]:
+def check_policy_loading(store: Store) -> Iterator[Finding]:
     """Yields findings about policies that cannot be loaded."""
     return (Finding(f"policy {name}", fault) for name, fault in policy_errors(store))
 
@@ -108,7 +114,7 @@ def _check_participant(
     store: Store, participant: Participant, attempts: list[TrialAttempt]
 ) -> Iterator[Finding]:
     pseudonym = participant.pseudonym
-    if attempts and participant.consented_at is None and participant.state != UNKNOWN:
+    if attempts and participant.consented_at is None and participant.state != UNKNOWN_PARTICIPATION:
         yield Finding(pseudonym, "has attempts without consent")
     sessions = {session.id: session for session in store.sessions(pseudonym)}
     trials = store.trials(pseudonym)
@@ -142,11 +148,11 @@ def _check_session(store: Store, session: StudySession, design: Design) -> Itera
 
     After a crash, the next session asks these items. Of the interrupted sessions, only the last session is checked.
     """
-    answered = answered_in_visit(store, session)
+    answered = items_answered_in_visit(store, session)
     missing = [
         item.id
-        for when in SESSION_MOMENTS
-        for item in design.items_at(when)
+        for when in SESSION_QUESTION_MOMENTS
+        for item in design.items_at_moment(when)
         if (when, item.id) not in answered
     ]
     last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
@@ -166,11 +172,11 @@ def _check_attempt(
     completed = attempt.state == "completed"
     if completed and not trial.practice:
         given = {answer.item for answer in answers}
-        missing = [item.id for item in design.items_at("after_trial") if item.id not in given]
+        missing = [item.id for item in design.items_at_moment("after_trial") if item.id not in given]
         if missing:
             yield _not_answered(store, attempt, missing)
     try:
-        path = store.path(attempt.recording)
+        path = store.absolute_path(attempt.recording)
     except StudyError as error:
         yield Finding(attempt.recording, str(error))
         return
@@ -190,7 +196,7 @@ def _check_attempt(
 
 def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Finding:
     """Returns the finding about missing answers to the questionnaire after a completed trial."""
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         opened, still_open = (
             had_open_questionnaire(connection, attempt),
             has_open_questionnaire(store, connection, attempt),
@@ -204,9 +210,9 @@ def _not_answered(store: Store, attempt: TrialAttempt, missing: list[str]) -> Fi
 
 def _not_merged(store: Store, attempt: TrialAttempt) -> str:
     """Returns the reason why a merge of sites omitted this recording; empty if it was not omitted."""
-    with store.database.read() as connection:
-        events = find_all(connection, StudyEvent, attempt=attempt.id)
-    return next((event.detail for event in events if event.name == RECORDING_LEFT_OUT), "")
+    with store.database.read_transaction() as connection:
+        events = find_rows(connection, StudyEvent, attempt=attempt.id)
+    return next((event.detail for event in events if event.name == OMITTED_RECORDING_EVENT), "")
 
 
 def _check_recording(
@@ -219,7 +225,7 @@ def _check_recording(
 ) -> Iterator[Finding]:
     has_checksum = attempt.state == "completed" or attempt.sha256 is not None
     if has_checksum and recording_sha256(store, attempt.recording) != attempt.sha256:
-        yield Finding(attempt.recording, CHECKSUM_DIFFERS)
+        yield Finding(attempt.recording, CHECKSUM_MISMATCH_MESSAGE)
     try:
         recording = read_recording(path)
     except (OSError, RecordingError) as error:
@@ -231,10 +237,10 @@ def _check_recording(
         attempt.metrics
     ):
         yield Finding(attempt.recording, "contains other metrics than the database")
-    if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING:
+    if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING_STATES:
         held = describe_excess_loss(recording, store.design)
         if held is not None:
-            yield excluded_trial(participant.pseudonym, trial.position, held)
+            yield excluded_trial_finding(participant.pseudonym, trial.position, held)
     for name, times in _clocks(recording):
         if times.resets:
             yield Finding(attempt.recording, _jumped(name, times), is_error=False)
@@ -245,8 +251,8 @@ def _check_recording(
 def _clocks(recording: Recording) -> Iterator[tuple[str, SampleTimes]]:
     """Yields the name and the sample times of each recorded stream from another device."""
     return (
-        (name, stream_sample_times(recording.topics, name))
-        for name in sorted(streams_by_name(recording.topics))
+        (name, stream_sample_times(recording.messages_by_topic, name))
+        for name in sorted(streams_by_name(recording.messages_by_topic))
     )
 
 
@@ -292,7 +298,7 @@ def _differences(
         "torso height": configuration.person.torso_height_m,
     }
     yield from (name for name, value in stored.items() if recorded_values[name] != value)
-    recorded = {answer.item: answer.value for _, answer in recording.topics["/answers"]}
+    recorded = {answer.item: answer.value for _, answer in recording.messages_by_topic["/answers"]}
     comparable = [answer for answer in answers if answer.item in recorded or recording.outcome is not None]
     if any(recorded.get(answer.item) != answer.value for answer in comparable):
         yield "answer"
@@ -307,14 +313,14 @@ def _files(store: Store) -> list[str]:
     return sorted(found)
 
 
-CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
+STUDY_CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_database,
-    check_policies,
+    check_policy_loading,
     check_used_policies,
     check_design,
     check_stored_designs,
     check_initial_states,
-    check_private,
+    check_private_files,
     check_consents,
     check_participation,
     check_participants,

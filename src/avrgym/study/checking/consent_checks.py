@@ -6,17 +6,21 @@ from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import FILE
-from avrgym.study.people.consents import consenting_participants, consents_to_other_texts, current_text
-from avrgym.study.storage.rows import Consent, ConsentText
+from avrgym.study.people.consents import (
+    consenting_participants,
+    consents_to_other_texts,
+    current_consent_text,
+)
+from avrgym.study.storage.rows import ConsentRecord, ConsentText
 from avrgym.study.storage.sites import site_number_of
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 from avrgym.texts.interface_texts import normalize_whitespace
 
 
 def check_consents(store: Store) -> Iterator[Finding]:
     """Yields findings about consent texts: different texts with one version, changed texts, and missing texts."""
-    with store.database.read() as connection:
-        consents, archive = find_all(connection, Consent), find_all(connection, ConsentText)
+    with store.database.read_transaction() as connection:
+        consents, archive = find_rows(connection, ConsentRecord), find_rows(connection, ConsentText)
     for kept in archive:
         if hashlib.sha256(kept.text.encode()).hexdigest() != kept.sha256:
             yield Finding(f"consent_text {kept.id}", "does not have the checksum that was stored with it")
@@ -35,12 +39,12 @@ def check_consents(store: Store) -> Iterator[Finding]:
 
 
 def _check_present_texts(
-    store: Store, consents: list[Consent], archive: list[ConsentText]
+    store: Store, consents: list[ConsentRecord], archive: list[ConsentText]
 ) -> Iterator[Finding]:
     """Yields findings about the design's consent text: participants read another text with the same version."""
     first = store.design.languages[0]
     for language in sorted({each.language or first for each in consents}):
-        shown = current_text(store, language)
+        shown = current_consent_text(store, language)
         others = consents_to_other_texts(shown, consents, archive, first) if shown else []
         if others:
             yield Finding(
@@ -50,10 +54,10 @@ def _check_present_texts(
             )
 
 
-def _check_sites(consents: list[Consent], archive: list[ConsentText]) -> Iterator[Finding]:
+def _check_sites(consents: list[ConsentRecord], archive: list[ConsentText]) -> Iterator[Finding]:
     """Yields findings about different texts with the same version at one site. Texts may differ between sites."""
     words = {kept.sha256: normalize_whitespace(kept.text) for kept in archive}
-    read = defaultdict[tuple[int, str, str], dict[str, list[Consent]]](lambda: defaultdict(list))
+    read = defaultdict[tuple[int, str, str], dict[str, list[ConsentRecord]]](lambda: defaultdict(list))
     for each in consents:
         if each.sha256 in words and each.version is not None:
             use = site_number_of(each.participant), each.version, each.language or ""

@@ -3,43 +3,43 @@
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.people.identities import possible_duplicates
+from avrgym.study.people.identities import possible_duplicate_pairs
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.analysis_files import FOLDER as ANALYSIS
-from avrgym.study.storage.analysis_files import unfinished_analyses
-from avrgym.study.storage.database import BACKUPS
+from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER as ANALYSIS
+from avrgym.study.storage.analysis_files import leftover_analysis_folders
+from avrgym.study.storage.database import BACKUP_FOLDER
 from avrgym.study.storage.database import FILE as DATABASE
-from avrgym.study.storage.identity_keys import KeyUnavailable
-from avrgym.study.storage.integrity_files import CHECKSUM, HEAD
+from avrgym.study.storage.identity_keys import KeyUnavailableError
+from avrgym.study.storage.integrity_files import CHECKSUM_FILE, HEAD_FILE
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT
 from avrgym.study.storage.participation import FILE as PARTICIPATION
-from avrgym.study.storage.participation import REBUILT
 from avrgym.study.storage.rows import RECORDINGS
-from avrgym.study.storage.sites import SITE_DIFFERS
-from avrgym.study.storage.states import UNKNOWN, StudyError
+from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import exposed_paths, restrict_to_owner, unfinished_files
+from avrgym.system.files import exposed_paths, leftover_temporary_files, restrict_to_owner
 
-_GONE = ("excluded", "withdrawn", UNKNOWN)
+_GONE = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
 """States of participants who are in no analysis."""
-_PRIVATE = (DATABASE, HEAD, CHECKSUM, PARTICIPATION, RECORDINGS, BACKUPS, ANALYSIS)
+_PRIVATE = (DATABASE, HEAD_FILE, CHECKSUM_FILE, PARTICIPATION, RECORDINGS, BACKUP_FOLDER, ANALYSIS)
 
 
 def check_database(store: Store) -> Iterator[Finding]:
     """Yields findings about changes by other programs, damage, rebuilds, and accepted differences between sites."""
-    for where, message in store.database.faults():
+    for where, message in store.database.find_faults():
         yield Finding(where, message)
     for event in store.events():
-        if event.name == REBUILT:
+        if event.name == DATABASE_REBUILT_EVENT:
             yield Finding(
                 "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", is_error=False
             )
-        elif event.name == SITE_DIFFERS:
+        elif event.name == SITE_DIFFERENCE_EVENT:
             yield Finding("sites", f"were merged although {event.detail}", is_error=False)
 
 
-def check_private(store: Store) -> Iterator[Finding]:
+def check_private_files(store: Store) -> Iterator[Finding]:
     """Yields findings about file permissions, temporary files and the identity file."""
-    for path in exposed_paths(store.folder / identity_file.FOLDER):
+    for path in exposed_paths(store.folder / identity_file.IDENTITY_FOLDER):
         yield Finding(str(path.relative_to(store.folder)), "can be read by other users")
     for name in _PRIVATE:
         others = len(list(exposed_paths(store.folder / name)))
@@ -50,9 +50,9 @@ def check_private(store: Store) -> Iterator[Finding]:
             yield Finding(name, message, is_error=False)
     analysis = store.folder / ANALYSIS
     for path in [
-        *identity_file.unfinished_files(store.folder),
-        *unfinished_files(analysis),
-        *unfinished_analyses(analysis),
+        *identity_file.leftover_identity_files(store.folder),
+        *leftover_temporary_files(analysis),
+        *leftover_analysis_folders(analysis),
     ]:
         yield Finding(
             str(path.relative_to(store.folder)), "is the temporary file of a killed process; remove it"
@@ -64,7 +64,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
     states = {participant.pseudonym: participant.state for participant in store.participants()}
     where = str(identity_file.identity_path(store.folder).relative_to(store.folder))
     try:
-        named = identity_file.named_pseudonyms(store.folder)
+        named = identity_file.pseudonyms_with_identity(store.folder)
     except StudyError as error:
         yield Finding(where, str(error))
         return
@@ -76,13 +76,13 @@ def _check_names(store: Store) -> Iterator[Finding]:
     yield from _check_encryption(store)
     try:
         key = identity_file.read_identities(store.folder)
-    except KeyUnavailable as error:
+    except KeyUnavailableError as error:
         yield Finding(where, f"was not searched for duplicate enrolments: {error}", is_error=False)
         return
     except StudyError as error:
         yield Finding(where, str(error))
         return
-    for first, second in possible_duplicates(
+    for first, second in possible_duplicate_pairs(
         key, (name for name, state in states.items() if state not in _GONE)
     ):
         yield Finding(second, f"may be the same person as {first}: name or contact are equal", is_error=False)
@@ -90,7 +90,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
     """Yields findings about unencrypted names."""
-    plain = identity_file.plain_path(store.folder)
+    plain = identity_file.unencrypted_path(store.folder)
     if plain is None:
         return
     where = str(plain.relative_to(store.folder))
@@ -103,5 +103,5 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
 
 def fix_permissions(store: Store) -> None:
     """Restrict the study's files to their owner. Raises ``OSError`` if this is not allowed."""
-    for name in (identity_file.FOLDER, *_PRIVATE):
+    for name in (identity_file.IDENTITY_FOLDER, *_PRIVATE):
         restrict_to_owner(store.folder / name)

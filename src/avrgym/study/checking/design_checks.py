@@ -8,11 +8,11 @@ import msgspec
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.comparison import (
-    Wordings,
+    DesignTexts,
     comparable_values,
     differences,
     key_path_text,
-    read_wordings,
+    read_design_texts,
     value_text,
 )
 from avrgym.study.design.design import FILE, Design
@@ -22,13 +22,13 @@ from avrgym.study.storage.session_designs import (
     SessionDesign,
     describe_trials,
     design_from_row,
+    designs_from_recordings,
     is_accepted_site_difference,
-    recorded_designs,
     session_designs,
 )
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_lines import Place
-from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, normalize_whitespace
+from avrgym.system.toml_lines import ValuePath
+from avrgym.texts.interface_texts import TEXTS_FOLDER, InvalidTextsError, normalize_whitespace
 
 ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
@@ -39,7 +39,7 @@ FIELDS_WITHOUT_EFFECT = ("title", "participants", "max_held_share", "max_repeats
 
 
 @dataclass(frozen=True)
-class Difference:
+class DesignDifference:
     """A value that differs between the current design and the design of sessions.
 
     ``place``: key path of the value. ``present``: value in the current design. ``used``: value in the design of
@@ -47,21 +47,22 @@ class Difference:
     """
 
     file: str
-    place: Place
-    present: Any
-    used: Any
+    place: ValuePath
+    current_value: Any
+    session_value: Any
     sessions: list[SessionDesign]
 
 
 def check_design(store: Store) -> Iterator[Finding]:
     """Yields findings about differences from the current design in sessions, admissions and recordings."""
     sessions = session_designs(store)
-    for each in differences_of(store.design, _present_wordings(store), sessions):
+    for each in design_differences(store.design, _present_wordings(store), sessions):
         is_error = each.place[0] not in FIELDS_WITHOUT_EFFECT and not is_accepted_site_difference(
             store, each.sessions, sessions
         )
         message = (
-            f"{key_path_text(each.place)} is {value_text(each.present)}; it was {value_text(each.used)} for"
+            f"{key_path_text(each.place)} is {value_text(each.current_value)}; it was "
+            f"{value_text(each.session_value)} for"
         )
         yield Finding(each.file, f"{message} {describe_trials(each.sessions, sessions)}", is_error=is_error)
     yield from _check_inclusion(store)
@@ -78,31 +79,33 @@ def check_stored_designs(store: Store) -> Iterator[Finding]:
         yield Finding("database", message, is_error=False)
 
 
-def differences_of(
-    design: Design, wordings: Wordings | None, sessions: Sequence[SessionDesign]
-) -> list[Difference]:
+def design_differences(
+    design: Design, wordings: DesignTexts | None, sessions: Sequence[SessionDesign]
+) -> list[DesignDifference]:
     """Returns all differences between a design with its texts (``wordings``) and the designs of sessions."""
-    found: dict[str, Difference] = {}
-    known: dict[bytes, list[Difference]] = {}
+    found: dict[str, DesignDifference] = {}
+    known: dict[bytes, list[DesignDifference]] = {}
     for entry in sessions:
         key = msgspec.json.encode([entry.design, entry.wordings, entry.language], order="deterministic")
         if key not in known:
             known[key] = list(_differences(design, wordings, entry))
         for each in known[key]:
-            name = f"{each.file} {each.place} {each.used!r}"
+            name = f"{each.file} {each.place} {each.session_value!r}"
             found.setdefault(name, replace(each, sessions=[])).sessions.append(entry)
     return list(found.values())
 
 
-def _differences(design: Design, wordings: Wordings | None, entry: SessionDesign) -> Iterator[Difference]:
+def _differences(
+    design: Design, wordings: DesignTexts | None, entry: SessionDesign
+) -> Iterator[DesignDifference]:
     for place, here, there in differences(_of_sessions(design), _of_sessions(entry.design)):
-        yield Difference(FILE, place, here, there, [])
+        yield DesignDifference(FILE, place, here, there, [])
     if wordings is None or entry.wordings is None:
         return
     language = entry.language
     for place, here, there in differences(wordings.get(language, {}), entry.wordings.get(language, {})):
         if place[0] != "sentences" or place[-1] in _both(design, entry.design):
-            yield Difference(f"{TEXTS_FOLDER}/{language}.toml", place, here, there, [])
+            yield DesignDifference(f"{TEXTS_FOLDER}/{language}.toml", place, here, there, [])
 
 
 def _of_sessions(design: Design) -> dict[str, Any]:
@@ -119,10 +122,10 @@ def _both(a: Design, b: Design) -> set[str]:
     return first & second
 
 
-def _present_wordings(store: Store) -> Wordings | None:
+def _present_wordings(store: Store) -> DesignTexts | None:
     try:
-        return read_wordings(store.design, store.folder)
-    except TextsError:
+        return read_design_texts(store.design, store.folder)
+    except InvalidTextsError:
         return None
 
 
@@ -135,15 +138,15 @@ def _check_inclusion(store: Store) -> Iterator[Finding]:
 
 def admission_differences(
     store: Store, design: Design, fields: Sequence[str]
-) -> list[tuple[tuple[Place, Any, Any], list[str]]]:
+) -> list[tuple[tuple[ValuePath, Any, Any], list[str]]]:
     """Compare fields of a design with the design at each participant's admission.
 
     Returns:
         Each difference (key path, value in ``design``, value at admission), and the pseudonyms of its participants.
     """
-    found: dict[str, tuple[tuple[Place, Any, Any], list[str]]] = {}
+    found: dict[str, tuple[tuple[ValuePath, Any, Any], list[str]]] = {}
     expected = {name: comparable_values(design)[name] for name in fields}
-    for row in store.designs():
+    for row in store.stored_designs():
         if row.session is None:
             asked = comparable_values(design_from_row(row))
             for change in differences(expected, {name: asked[name] for name in fields}):
@@ -157,7 +160,7 @@ def _check_recordings(store: Store, sessions: Sequence[SessionDesign]) -> Iterat
     Different furniture is not an error; all other differences are errors.
     """
     stored = {entry.session.id: entry for entry in sessions if entry.wordings is not None}
-    for entry in recorded_designs(store):
+    for entry in designs_from_recordings(store):
         own = stored.get(entry.session.id)
         if own is None:
             continue

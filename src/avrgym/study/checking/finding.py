@@ -15,12 +15,12 @@ class Finding:
     is_error: bool = True
 
 
-class ExcludedTrial(Finding):
+class ExcludedTrialFinding(Finding):
     """The finding that a trial is excluded from the analysis because of tracking loss."""
 
 
-def excluded_trial(participant: str, position: int, why: str) -> ExcludedTrial:
+def excluded_trial_finding(participant: str, position: int, why: str) -> ExcludedTrialFinding:
     """Returns the finding that a participant's trial is excluded, with the reason ``why``."""
-    return ExcludedTrial(
+    return ExcludedTrialFinding(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

@@ -4,8 +4,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from avrgym.study.checking.finding import Finding
-from avrgym.study.storage.audit_log import describe_person, site_names
-from avrgym.study.storage.rows import LogEntry
+from avrgym.study.storage.audit_log import describe_log_person, site_names
+from avrgym.study.storage.rows import AuditLogEntry
 from avrgym.study.storage.store import Store
 
 RESULTS_LOCATION = "results"
@@ -19,11 +19,11 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
     participants is the maximum of ``planned`` and the design's number at the time of the view.
     """
     sites = site_names(store)
-    looks = defaultdict[tuple[str, int, int], list[LogEntry]](list)
-    for entry in store.log():
-        if is_interim(entry, planned):
+    looks = defaultdict[tuple[str, int, int], list[AuditLogEntry]](list)
+    for entry in store.audit_log():
+        if is_interim_look(entry, planned):
             most = max(planned, entry.planned or 0)
-            looks[describe_person(entry, sites), entry.completed or 0, most].append(entry)
+            looks[describe_log_person(entry, sites), entry.completed or 0, most].append(entry)
     for (who, completed, most), entries in looks.items():
         times = f" {len(entries)} times" if len(entries) > 1 else ""
         first = ", first" if len(entries) > 1 else ""
@@ -35,7 +35,7 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
         yield Finding(RESULTS_LOCATION, message, is_error=False)
 
 
-def is_interim(entry: LogEntry, planned: int = 0) -> bool:
+def is_interim_look(entry: AuditLogEntry, planned: int = 0) -> bool:
     """Returns whether the log entry is a view of results before all planned participants completed the study."""
     if entry.completed is None or entry.planned is None:
         return False

@@ -5,11 +5,11 @@ from datetime import datetime, timedelta
 
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage import signing
-from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
-from avrgym.study.storage.participation import DELETED, FILE, Content, Participation
-from avrgym.study.storage.reconciliation import STATE_RESTORED, STUDY_SET_BACK
+from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED_EVENT
+from avrgym.study.storage.participation import DELETED_STATE, FILE, EntryContent, ParticipationEntries
+from avrgym.study.storage.reconciliation import OLDER_COPY_EVENT, STATE_RESTORED_EVENT
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
-from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store
 from avrgym.system.files import user_data_folder
 
@@ -19,13 +19,13 @@ def check_participation(store: Store) -> Iterator[Finding]:
     yield from _check_list(store)
     yield from _check_events(store)
     for participant in store.participants():
-        if participant.state == UNKNOWN:
+        if participant.state == UNKNOWN_PARTICIPATION:
             message = (
                 "consent, withdrawal or deletion is unknown since the database was rebuilt; they are in no analysis. "
                 "Run `avrgym study confirm-participation` or `avrgym study withdraw`"
             )
             yield Finding(participant.pseudonym, message)
-    for gone in store.tombstones():
+    for gone in store.deleted_participants():
         if any((store.folder / RECORDINGS / pseudonym_of(gone.number)).rglob("*")):
             yield Finding(pseudonym_of(gone.number), restored_recordings_message(gone.deleted_at))
 
@@ -33,7 +33,7 @@ def check_participation(store: Store) -> Iterator[Finding]:
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.invalid_copies():
         yield Finding(path.name, f"is an invalid, replaced {FILE}; find the cause, then remove the file")
-    listed = store.participation()
+    listed = store.participation_list()
     if listed is None:
         return
     if listed.fault:
@@ -41,12 +41,12 @@ def _check_list(store: Store) -> Iterator[Finding]:
         return
     yield from _check_beginning(store, listed)
     people = {each.number for each in store.participants()}
-    known = people | {each.number for each in store.tombstones()}
-    for number, content in listed.latest.items():
+    known = people | {each.number for each in store.deleted_participants()}
+    for number, content in listed.latest_content.items():
         if number not in known:
             message = f"contains {pseudonym_of(number)}, who is not in the database: restore a later copy"
             yield Finding(FILE, message)
-        elif content["state"] == DELETED and number in people:
+        elif content["state"] == DELETED_STATE and number in people:
             message = (
                 f"was deleted at {content['at']} and is in the database again; `avrgym study delete-participant` "
                 "removes them"
@@ -54,11 +54,11 @@ def _check_list(store: Store) -> Iterator[Finding]:
             yield Finding(pseudonym_of(number), message)
 
 
-def _check_beginning(store: Store, listed: Participation) -> Iterator[Finding]:
+def _check_beginning(store: Store, listed: ParticipationEntries) -> Iterator[Finding]:
     """Yields a finding if the list was started after the first enrolment."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
-        detail = listed.without_participant[0]["detail"]
+        detail = listed.contents_without_participant[0]["detail"]
         why = f" and {detail}" if detail else ""
         yield Finding(
             FILE, f"was started at {listed.begun_at} with the contents of the database{why}", is_error=False
@@ -69,11 +69,11 @@ def _check_events(store: Store) -> Iterator[Finding]:
     """Yields findings about restored states, older copies of the study, and confirmed participation."""
     for event in store.events():
         where = pseudonym_of(event.participant) if event.participant else "study"
-        if event.name == STATE_RESTORED:
+        if event.name == STATE_RESTORED_EVENT:
             yield Finding(where, f"was {event.detail}; the database did not contain it", is_error=False)
-        elif event.name == STUDY_SET_BACK:
+        elif event.name == OLDER_COPY_EVENT:
             yield Finding(where, f"was set back: at {event.at} {event.detail}", is_error=False)
-        elif event.name == PARTICIPATION_CONFIRMED:
+        elif event.name == PARTICIPATION_CONFIRMED_EVENT:
             message = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
             yield Finding(where, message, is_error=False)
 
@@ -82,7 +82,9 @@ _CLOCK = timedelta(minutes=1)
 """Allowed difference between the clocks of two computers."""
 
 
-def list_error(store: Store, listed: Participation | None, beginnings: Mapping[int, datetime]) -> str:
+def participation_list_error(
+    store: Store, listed: ParticipationEntries | None, beginnings: Mapping[int, datetime]
+) -> str:
     """Returns the error of the participation list, such as "is missing"; empty if the list is valid.
 
     ``beginnings``: start time of each participant's first recording, by participant number.
@@ -92,7 +94,7 @@ def list_error(store: Store, listed: Participation | None, beginnings: Mapping[i
     if listed.fault:
         return listed.fault
     if not listed.is_signed_by_user():
-        return f"is not signed with this user's key ({user_data_folder() / signing.KEY})"
+        return f"is not signed with this user's key ({user_data_folder() / signing.SIGNING_KEY_FILE})"
     if not store.database.is_sqlite:
         return "may lack entries of other stations, which stored them in PostgreSQL"
     return next(_faults(store, listed, beginnings), "")
@@ -106,20 +108,22 @@ def restored_recordings_message(deleted_at: str) -> str:
     )
 
 
-def _faults(store: Store, listed: Participation, beginnings: Mapping[int, datetime]) -> Iterator[str]:
-    end = signing.last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_id)
+def _faults(store: Store, listed: ParticipationEntries, beginnings: Mapping[int, datetime]) -> Iterator[str]:
+    end = signing.read_last_entry(store.folder) or signing.last_entry_of_moved_study(listed.list_id)
     if end is not None and end.list_id != listed.list_id:
         yield "belongs to another study than the earlier list in this folder"
-    elif end is not None and not listed.contains(end.digest):
+    elif end is not None and not listed.contains_digest(end.digest):
         yield "was replaced by an older copy: this computer has stored later entries"
     for number, began in beginnings.items():
-        content = listed.latest.get(number)
+        content = listed.latest_content.get(number)
         if content is None:
             yield f"does not contain {pseudonym_of(number)}, but there are recordings of them"
-        elif content["state"] not in (DELETED, UNKNOWN) and not _consented_before(content, began):
+        elif content["state"] not in (DELETED_STATE, UNKNOWN_PARTICIPATION) and not _consented_before(
+            content, began
+        ):
             yield f"contains no consent of {pseudonym_of(number)} from before their first recording"
 
 
-def _consented_before(content: Content, began: datetime) -> bool:
+def _consented_before(content: EntryContent, began: datetime) -> bool:
     at = content.get("consented_at")
     return at is not None and datetime.fromisoformat(at) <= began + _CLOCK

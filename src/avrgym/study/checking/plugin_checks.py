@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from avrgym.policies.registry import used_controller
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage.states import StudyError
@@ -23,11 +23,11 @@ class RecordedPlugin:
     installed plug-in and version. ``participant``: pseudonym. ``position``: position of the trial.
     """
 
-    label: str
-    recorded: str
-    present: str
+    plugin_label: str
+    recorded_version: str
+    installed_version: str
     participant: str
-    position: int
+    trial_position: int
     simulated: bool
 
 
@@ -43,7 +43,7 @@ def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
     """
     groups = defaultdict[tuple[str, bool], list[RecordedPlugin]](list)
     for each in recorded:
-        groups[each.label, each.simulated].append(each)
+        groups[each.plugin_label, each.simulated].append(each)
     for (label, _), trials in groups.items():
         yield from _findings_of_plugin(label, trials)
 
@@ -51,11 +51,11 @@ def plugin_findings(recorded: Iterable[RecordedPlugin]) -> Iterator[Finding]:
 def _findings_of_plugin(label: str, trials: list[RecordedPlugin]) -> Iterator[Finding]:
     by_content = defaultdict[str, list[RecordedPlugin]](list)
     for each in trials:
-        by_content[each.recorded].append(each)
+        by_content[each.recorded_version].append(each)
     if len(by_content) > 1:
         parts = [f"{content} in {_trials_text(own)}" for content, own in by_content.items()]
         yield Finding(label, f"was not the same in all trials: {'; '.join(parts)}")
-    present = trials[0].present
+    present = trials[0].installed_version
     if present not in by_content:
         recorded = " and ".join(by_content)
         yield Finding(label, f"is {present} now, which no trial used; it was {recorded}", is_error=False)
@@ -64,7 +64,7 @@ def _findings_of_plugin(label: str, trials: list[RecordedPlugin]) -> Iterator[Fi
 def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
     positions = defaultdict[str, list[int]](list)
     for each in trials:
-        positions[each.participant].append(each.position)
+        positions[each.participant].append(each.trial_position)
     return ", ".join(
         f"{participant} trial{'s' * (len(own) > 1)} {' '.join(map(str, own))}"
         for participant, own in positions.items()
@@ -72,7 +72,7 @@ def _trials_text(trials: Iterable[RecordedPlugin]) -> str:
 
 
 def recorded_plugins(
-    configuration: Configuration, participant: str, position: int, *, simulated: bool
+    configuration: TrialConfiguration, participant: str, position: int, *, simulated: bool
 ) -> Iterator[RecordedPlugin]:
     """Yields the plug-ins in the recorded configuration of a trial."""
     now = _present(configuration)
@@ -81,7 +81,7 @@ def recorded_plugins(
         yield RecordedPlugin(plugin.label, str(plugin), present, participant, position, simulated)
 
 
-def _present(configuration: Configuration) -> dict[str, UsedPlugin]:
+def _present(configuration: TrialConfiguration) -> dict[str, UsedPlugin]:
     """Returns the installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
@@ -97,7 +97,7 @@ def _recorded(store: Store) -> Iterator[RecordedPlugin]:
             if attempt.state == "completed" and attempt.trial in positions:
                 with suppress(OSError, RecordingError, StudyError):  # another check reports it
                     yield from recorded_plugins(
-                        read_header(store.path(attempt.recording)).configuration,
+                        read_header(store.absolute_path(attempt.recording)).configuration,
                         participant.pseudonym,
                         positions[attempt.trial],
                         simulated=participant.simulated,

@@ -11,7 +11,7 @@ from avrgym.policies import controllers
 from avrgym.policies.lerobot import is_lerobot, weights_file
 from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.finding import Finding
-from avrgym.study.checking.preflight import needed_policies
+from avrgym.study.checking.preflight import environment_policy_pairs
 from avrgym.study.storage.rows import StudyEvent
 from avrgym.study.storage.session_designs import (
     SessionDesign,
@@ -23,7 +23,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system import plugins
 
-POLICIES_USED = "policies used"
+POLICIES_USED_EVENT = "policies used"
 """Name of the event that stores the policy files of a session."""
 
 
@@ -40,13 +40,15 @@ class PolicyFile(msgspec.Struct, frozen=True):
 class UsedPolicy:
     """A policy file, and the sessions that used it."""
 
-    file: PolicyFile
+    policy_file: PolicyFile
     sessions: list[SessionDesign]
 
 
 def policy_files(store: Store) -> tuple[PolicyFile, ...]:
     """Returns the current file of each policy of the design."""
-    return tuple(_policy_file(store, environment, name) for environment, name in needed_policies(store))
+    return tuple(
+        _policy_file(store, environment, name) for environment, name in environment_policy_pairs(store)
+    )
 
 
 def _policy_file(store: Store, environment: str, policy: str) -> PolicyFile:
@@ -69,22 +71,22 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
     if source in packaged:
         return source, packaged[source]
     if plugin is not None:
-        return plugins.describe_entry_point(plugin), controllers.python_file(plugin.value)
+        return plugins.describe_entry_point(plugin), controllers.python_controller_file(plugin.value)
     if Path(source).is_file():
         return Path(source).relative_to(store.folder).as_posix(), Path(source)
     if is_lerobot(source):
         return source, weights_file(source)
-    return source, controllers.python_file(source) if ":" in source else None
+    return source, controllers.python_controller_file(source) if ":" in source else None
 
 
 def used_policies(store: Store) -> dict[tuple[str, str], list[UsedPolicy]]:
     """Returns the policy files that sessions used, by environment and policy, in order of first use."""
-    files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED}
+    files = {event.session: _decoded(event) for event in store.events() if event.name == POLICIES_USED_EVENT}
     found: dict[tuple[str, str], list[UsedPolicy]] = {}
     for entry in session_designs(store):
         for file in files.get(entry.session.id, []):
             known = found.setdefault((file.environment, file.policy), [])
-            same = [each for each in known if each.file == file]
+            same = [each for each in known if each.policy_file == file]
             if not same:
                 known.append(UsedPolicy(file, []))
             (same or known[-1:])[0].sessions.append(entry)
@@ -105,13 +107,15 @@ def check_used_policies(store: Store) -> Iterator[Finding]:
     for key, files in used.items():
         where = f"policy {key[1]}"
         if len(files) > 1:
-            parts = [f"{policy_file_text(each.file)} for {describe_trials(each.sessions)}" for each in files]
+            parts = [
+                f"{policy_file_text(each.policy_file)} for {describe_trials(each.sessions)}" for each in files
+            ]
             sessions = [entry for each in files for entry in each.sessions]
             is_error = not all(is_accepted_site_difference(store, each.sessions, sessions) for each in files)
             message = f"of {key[0]} was not the same in all sessions: {'; '.join(parts)}"
             yield Finding(where, message, is_error=is_error)
         now = present.get(key)
-        if now is not None and now not in [each.file for each in files]:
+        if now is not None and now not in [each.policy_file for each in files]:
             yield Finding(
                 where, f"of {key[0]} is {policy_file_text(now)}, which no session used", is_error=False
             )

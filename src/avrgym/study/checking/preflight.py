@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from itertools import product
 
-from avrgym.policies.registry import AnyPolicy, find_for_session, plugins_used
+from avrgym.policies.registry import AnyPolicy, plugins_used, resolve_session_policy
 from avrgym.policies.trained import PolicyError
 from avrgym.study.checking.finding import Finding
 from avrgym.study.storage.store import Store
@@ -22,15 +22,15 @@ def load_study_policy(store: Store, environment: str, policy: str) -> AnyPolicy:
         PolicyError: if the policy is missing, damaged, or trained for another environment.
     """
     design = store.design
-    return find_for_session(
+    return resolve_session_policy(
         store.policy_source(environment, policy),
         environment,
-        design.settings_of(policy),
+        design.settings_of_condition(policy),
         allow_other_settings=design.allow_other_settings,
     )
 
 
-def needed_policies(store: Store) -> list[tuple[str, str]]:
+def environment_policy_pairs(store: Store) -> list[tuple[str, str]]:
     """Returns all pairs of environment and policy in the design's trials and practice trials."""
     design = store.design
     names = sorted({*design.policies, design.practice_policy} - {""})
@@ -43,7 +43,7 @@ def needed_policies(store: Store) -> list[tuple[str, str]]:
 def needed_plugins(store: Store) -> tuple[UsedPlugin, ...]:
     """Returns the installed plug-ins that the design's trials and practice trials use."""
     found: set[UsedPlugin] = set()
-    for environment, name in needed_policies(store):
+    for environment, name in environment_policy_pairs(store):
         found |= {*plugins_of(environment)}
         with suppress(PolicyError):
             found |= {*plugins_used(environment, load_study_policy(store, environment, name))}
@@ -52,7 +52,7 @@ def needed_plugins(store: Store) -> tuple[UsedPlugin, ...]:
 
 def policy_errors(store: Store) -> Iterator[tuple[str, str]]:
     """Yields the name and error message of each policy that cannot be loaded."""
-    for environment, name in needed_policies(store):
+    for environment, name in environment_policy_pairs(store):
         try:
             load_study_policy(store, environment, name)
         except PolicyError as error:
@@ -67,7 +67,9 @@ def check_initial_states(store: Store) -> Iterator[Finding]:
     for task, robot in product(store.design.tasks, store.design.robots):
         environment = environment_id(task, robot)
         if environment in ENVIRONMENTS:
-            for settings in {store.design.settings_of(name): None for name in ("", *store.design.conditions)}:
+            for settings in {
+                store.design.settings_of_condition(name): None for name in ("", *store.design.conditions)
+            }:
                 yield from _check_environment(environment, settings)
 
 
@@ -78,8 +80,8 @@ def _check_environment(environment: str, settings: Settings) -> Iterator[Finding
         yield Finding(environment, f"no initial state can be sampled: {type(error).__name__}: {error}")
         return
     for person, drawn in drawn_starts:
-        if drawn.failure:
-            yield Finding(environment, drawn.failure.removeprefix(f"{environment}: "))
-        elif drawn.fault:
+        if drawn.reset_error:
+            yield Finding(environment, drawn.reset_error.removeprefix(f"{environment}: "))
+        elif drawn.error_message:
             body = f"a {person.sex} with a torso of {person.torso_height_m:.2f} m"
-            yield Finding(environment, f"next to {body} {drawn.fault}", is_error=False)
+            yield Finding(environment, f"next to {body} {drawn.error_message}", is_error=False)

@@ -12,28 +12,28 @@ import sqlalchemy as sa
 
 from avrgym.commands.respondents import PARTICIPANT
 from avrgym.recording import answers_file
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording, RecordingError, read_header, read_recording
 from avrgym.recording.writer import complete_truncated_recording
-from avrgym.study.checking.participation_checks import list_error, restored_recordings_message
-from avrgym.study.design.allocation import PlannedTrial, cell_orders, plan_trials
+from avrgym.study.checking.participation_checks import participation_list_error, restored_recordings_message
+from avrgym.study.design.allocation import PlannedTrial, plan_trials, trial_orders
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import read_design
 from avrgym.study.people.consents import restore_consents
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN
-from avrgym.study.storage.attempts import INCOMPLETE_ENDS, recording_sha256
+from avrgym.study.storage.answers import OPEN_QUESTIONNAIRE_EVENT
+from avrgym.study.storage.attempts import INCOMPLETE_END_STATES, recording_sha256
 from avrgym.study.storage.database import FILE, database_url
 from avrgym.study.storage.integrity_files import IntegrityFiles
-from avrgym.study.storage.participation import DELETED, REBUILT, Content
-from avrgym.study.storage.reconciliation import participant_values
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, DELETED_STATE, EntryContent
+from avrgym.study.storage.reconciliation import participant_row_values
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
-from avrgym.study.storage.schema import now
-from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError
+from avrgym.study.storage.schema import utc_timestamp
+from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store, record_event
-from avrgym.study.storage.study_folder import used_numbers
+from avrgym.study.storage.study_folder import used_participant_numbers
 
-TrialPlans = tuple[PlannedTrial, ...]
+PlannedTrials = tuple[PlannedTrial, ...]
 LOST_DATA = (
     "the answers to inclusion questions, about functioning and to questions about a session, events, adverse events, "
     "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
@@ -52,15 +52,15 @@ class RebuildSummary:
     """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
     ``unknown``: number of participants with unknown consent or withdrawal. ``lost``: data that were not rebuilt, as
-    text. ``left_out``: messages about omitted participants and recordings.
+    text. ``omission_messages``: messages about omitted participants and recordings.
     """
 
-    participants: int
-    unknown: int
-    attempts: int
-    answers: int
-    lost: str
-    left_out: tuple[str, ...]
+    participant_count: int
+    unknown_state_count: int
+    attempt_count: int
+    answer_count: int
+    lost_data: str
+    omission_messages: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class _RecordedAttempt:
         return self.recording.began_at
 
     @property
-    def configuration(self) -> Configuration:
+    def configuration(self) -> TrialConfiguration:
         """The configuration of the trial."""
         return self.recording.configuration
 
@@ -97,10 +97,10 @@ def rebuild_study(folder: Path) -> RebuildSummary:
         StudyError: if the study has a database, or if the folder contains no design.
     """
     _refuse_if_present(folder)
-    IntegrityFiles(folder, FILE).remove()
+    IntegrityFiles(folder, FILE).remove_all()
     with Store(folder, rebuild=True) as store:
         rebuilding = _Rebuilding(store)
-        with store.database.write() as connection:
+        with store.database.write_transaction() as connection:
             rebuilding.rebuild(connection)
         return rebuilding.done()
 
@@ -111,7 +111,7 @@ def _refuse_if_present(folder: Path) -> None:
     if not database_url(read_design(folder / DESIGN).database.url) and not (folder / FILE).exists():
         return
     with Store(folder, rebuild=True) as store:
-        if store.participants() or store.tombstones():
+        if store.participants() or store.deleted_participants():
             raise StudyError(f"{folder} has a database; `avrgym study rebuild` only rebuilds a lost database")
 
 
@@ -122,10 +122,10 @@ class _Rebuilding:
         self._store = store
         self._left_out: list[str] = []
         self._participants = self._unknown = self._attempts = self._answers = 0
-        numbers = used_numbers(store.folder)
+        numbers = used_participant_numbers(store.folder)
         self._visits = {number: self._load_visits(number) for number in sorted(numbers)}
-        self._listed = store.participation()
-        self._fault = list_error(store, self._listed, self._beginnings())
+        self._listed = store.participation_list()
+        self._fault = participation_list_error(store, self._listed, self._beginnings())
 
     def done(self) -> RebuildSummary:
         return RebuildSummary(
@@ -139,11 +139,17 @@ class _Rebuilding:
 
     def rebuild(self, connection: sa.Connection) -> None:
         """Insert all participants, an event for this rebuild, and an event for each earlier rebuild."""
-        for each in self._listed.rebuilds() if self._listed else ():
-            hash_chain.insert(connection, schema.EVENT, at=each["at"], name=REBUILT, detail=each["detail"])
-        record_event(connection, REBUILT, f"lost: {self._lost}", {})
+        for each in self._listed.rebuild_contents() if self._listed else ():
+            hash_chain.insert(
+                connection,
+                schema.EVENT_TABLE,
+                at=each["at"],
+                name=DATABASE_REBUILT_EVENT,
+                detail=each["detail"],
+            )
+        record_event(connection, DATABASE_REBUILT_EVENT, f"lost: {self._lost}", {})
         if self._fault and self._listed:
-            self._store.database.participation.rename_invalid()
+            self._store.database.participation.rename_invalid_file()
         for number in self._visits:
             self._rebuild_participant(connection, number)
 
@@ -162,9 +168,9 @@ class _Rebuilding:
 
     def _rebuild_participant(self, connection: sa.Connection, number: int) -> None:
         """Insert a participant and their trials, or add a message about the omitted participant or trials."""
-        content = self._listed.latest.get(number) if self._listed else None
+        content = self._listed.latest_content.get(number) if self._listed else None
         recorded_attempts = _flat(self._visits[number])
-        if content and content["state"] == DELETED:
+        if content and content["state"] == DELETED_STATE:
             self._insert_tombstone(connection, number, content)
             return
         if not recorded_attempts and not content:
@@ -180,21 +186,21 @@ class _Rebuilding:
         cell, plan = next(iter(fitting.items())) if len(fitting) == 1 else (None, ())
         self._insert(connection, number, cell, plan, content)
 
-    def _insert_tombstone(self, connection: sa.Connection, number: int, content: Content) -> None:
+    def _insert_tombstone(self, connection: sa.Connection, number: int, content: EntryContent) -> None:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
-        hash_chain.insert(connection, schema.TOMBSTONE, **row)
+        hash_chain.insert(connection, schema.TOMBSTONE_TABLE, **row)
         if self._visits[number]:
             self._left_out.append(f"{pseudonym_of(number)}: {restored_recordings_message(content['at'])}")
 
     def _fitting(
-        self, number: int, recorded_attempts: list[_RecordedAttempt], content: Content | None
-    ) -> dict[int, TrialPlans]:
+        self, number: int, recorded_attempts: list[_RecordedAttempt], content: EntryContent | None
+    ) -> dict[int, PlannedTrials]:
         """Returns the trial plans that match the recordings, by cell of the design.
 
         If the participation list contains the participant's cell, only this cell is considered.
         """
         design = self._store.design
-        cells = range(len(cell_orders(design)))
+        cells = range(len(trial_orders(design)))
         site = design.site
         if content and not self._fault:
             cells = [cell for cell in cells if cell == content.get("cell")]
@@ -228,8 +234,8 @@ class _Rebuilding:
         connection: sa.Connection,
         number: int,
         cell: int | None,
-        plan: TrialPlans,
-        content: Content | None,
+        plan: PlannedTrials,
+        content: EntryContent | None,
     ) -> None:
         visits = self._visits[number]
         recorded_attempts = _flat(visits)
@@ -250,28 +256,28 @@ class _Rebuilding:
                 if self._insert_attempt(connection, trial, session, attempts[trial], each, again=again):
                     completed.add(trial)
         for trial in completed:
-            hash_chain.update(connection, schema.TRIAL, trial, state="completed")
+            hash_chain.update(connection, schema.TRIAL_TABLE, trial, state="completed")
         all_answered = bool(trials) and completed == set(trials.values()) and not self._opened
-        if self._known_state(content) in PARTICIPATING:
+        if self._known_state(content) in PARTICIPATING_STATES:
             state = "completed" if all_answered else "allocated"
-            hash_chain.update(connection, schema.PARTICIPANT, number, state=state)
+            hash_chain.update(connection, schema.PARTICIPANT_TABLE, number, state=state)
 
-    def _known_state(self, content: Content | None) -> str:
-        """Returns the participant's state in the list; ``UNKNOWN`` if the list is invalid."""
-        return UNKNOWN if self._fault or content is None else content["state"]
+    def _known_state(self, content: EntryContent | None) -> str:
+        """Returns the participant's state in the list; ``UNKNOWN_PARTICIPATION`` if the list is invalid."""
+        return UNKNOWN_PARTICIPATION if self._fault or content is None else content["state"]
 
     def _insert_participant(
         self,
         connection: sa.Connection,
         number: int,
         cell: int | None,
-        plan: TrialPlans,
-        content: Content | None,
+        plan: PlannedTrials,
+        content: EntryContent | None,
     ) -> dict[tuple[Any, ...], int]:
         """Insert a participant and their trials. Returns each trial's id by environment, policy, seed and practice."""
         self._participants += 1
         recorded_attempts = _flat(self._visits[number])
-        values = participant_values(content) if content and not self._fault else {}
+        values = participant_row_values(content) if content and not self._fault else {}
         if recorded_attempts and not values:
             configuration = recorded_attempts[0].configuration
             values = {
@@ -283,13 +289,13 @@ class _Rebuilding:
         elif content and not values:
             values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
         state = self._known_state(content)
-        if state in PARTICIPATING and not plan:
-            state = UNKNOWN
+        if state in PARTICIPATING_STATES and not plan:
+            state = UNKNOWN_PARTICIPATION
         row = values | {"number": number, "state": state, "cell": cell}
         if recorded_attempts and recorded_attempts[-1].configuration.respondent != PARTICIPANT:
             row["respondent"] = recorded_attempts[-1].configuration.respondent
-        hash_chain.insert(connection, schema.PARTICIPANT, **row)
-        self._unknown += state == UNKNOWN
+        hash_chain.insert(connection, schema.PARTICIPANT_TABLE, **row)
+        self._unknown += state == UNKNOWN_PARTICIPATION
         consents = self._listed.consents(number) if self._listed and not self._fault else []
         recorded = [
             consent
@@ -301,7 +307,7 @@ class _Rebuilding:
         record_event(connection, "participant rebuilt", claimed, {"participant": number})
         return {
             _planned(trial): hash_chain.insert(
-                connection, schema.TRIAL, **asdict(trial), participant=number, state="planned"
+                connection, schema.TRIAL_TABLE, **asdict(trial), participant=number, state="planned"
             )
             for trial in plan
         }
@@ -315,14 +321,14 @@ class _Rebuilding:
     ) -> int:
         return hash_chain.insert(
             connection,
-            schema.SESSION,
+            schema.SESSION_TABLE,
             participant=participant,
             number=number,
             state="interrupted",
             station=self._store.station,
             process=0,
             opened_at=_stored(recorded_attempts[0].began_at),
-            closed_at=now(),
+            closed_at=utc_timestamp(),
             headset_check=msgspec.to_builtins(recorded_attempts[-1].configuration.headset_check),
         )
 
@@ -338,14 +344,14 @@ class _Rebuilding:
     ) -> bool:
         """Insert an attempt and its answers. Returns whether the attempt completed its trial."""
         end = recorded.recording.result
-        answers = recorded.recording.topics["/answers"]
+        answers = recorded.recording.messages_by_topic["/answers"]
         asked = {item.id for item in recorded.configuration.items}
         missing = sorted(asked - {answer.item for _, answer in answers})
         completed = end == "completed" and recorded.recording.complete and not again
-        broken_off = end if end in INCOMPLETE_ENDS else "interrupted"
+        broken_off = end if end in INCOMPLETE_END_STATES else "interrupted"
         attempt = hash_chain.insert(
             connection,
-            schema.ATTEMPT,
+            schema.ATTEMPT_TABLE,
             trial=trial,
             session=session,
             number=number,
@@ -356,12 +362,12 @@ class _Rebuilding:
             torso_height_m=recorded.configuration.person.torso_height_m,
             input_profile=msgspec.to_builtins(recorded.configuration.input_profile),
             started_at=_stored(recorded.began_at),
-            ended_at=now(),
+            ended_at=utc_timestamp(),
         )
         self._attempts += 1
         if completed and missing:
             event = {"session": session, "attempt": attempt}
-            record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
+            record_event(connection, OPEN_QUESTIONNAIRE_EVENT, ", ".join(missing), event)
             self._opened = True
         latest = {answer.item: (time_ns, answer) for time_ns, answer in answers}
         late = answers_file.answer_timestamps(self._store.folder / recorded.name)
@@ -371,7 +377,7 @@ class _Rebuilding:
             if recorded.configuration.respondent != PARTICIPANT:
                 row["respondent"] = recorded.configuration.respondent
             hash_chain.insert(
-                connection, schema.ANSWER, session=session, attempt=attempt, answered_at=given, **row
+                connection, schema.ANSWER_TABLE, session=session, attempt=attempt, answered_at=given, **row
             )
             self._answers += 1
         return completed
@@ -385,11 +391,11 @@ def _planned(trial: PlannedTrial) -> tuple[Any, ...]:
     return trial.environment, trial.policy, trial.seed, trial.practice
 
 
-def _covers(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
+def _covers(plan: PlannedTrials, recorded_attempts: Iterable[_RecordedAttempt]) -> bool:
     return {each.planned for each in recorded_attempts} <= {_planned(trial) for trial in plan}
 
 
-def _adopt(plan: TrialPlans, recorded_attempts: Iterable[_RecordedAttempt]) -> TrialPlans:
+def _adopt(plan: PlannedTrials, recorded_attempts: Iterable[_RecordedAttempt]) -> PlannedTrials:
     """Returns the plan with the recorded practice robots and seeds.
 
     Earlier versions of AVR Gym sampled other values than the plan contains.

@@ -67,13 +67,13 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
 
 def tested_trials(store: Store) -> list[AttemptedTrial]:
     """Returns the trials of people, or of simulated participants if there are no people."""
-    simulated = is_simulated(store)
+    simulated = is_simulated_study(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 
 
-def is_simulated(store: Store) -> bool:
+def is_simulated_study(store: Store) -> bool:
     """Returns whether all participants of a study are simulated."""
-    return all(each.simulated for each in [*store.participants(), *store.tombstones()])
+    return all(each.simulated for each in [*store.participants(), *store.deleted_participants()])
 
 
 def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]:
@@ -97,7 +97,7 @@ def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[
     """
 
     def policy(each: AttemptedTrial) -> str:
-        return design.shown_policy(each.trial.policy, practice=False)
+        return design.displayed_policy(each.trial.policy, practice=False)
 
     found = list(_unequal("policy", trials, policy, POLICY_ALPHA))
     if len(design.robots) > 1 and not found:

@@ -5,33 +5,33 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from avrgym.study.storage.audit_log import describe_person, site_names
-from avrgym.study.storage.rows import LogEntry, Participant, StudyEvent, Trial, TrialAttempt
+from avrgym.study.storage.audit_log import describe_log_person, site_names
+from avrgym.study.storage.rows import AuditLogEntry, Participant, StudyEvent, Trial, TrialAttempt
 from avrgym.study.storage.store import Store
 
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
-REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
+REPEAT_REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
 """Reasons of repeats: technical fault, participant, experimenter, or unknown."""
 NOT_LOGGED = "not in the log"
 """Used instead of the experimenter's name if no log entry matches."""
-Cause = tuple[str, str]
-"""A reason of a repeat (one of ``REASONS``), and the cause as text."""
+RepeatCause = tuple[str, str]
+"""A reason of a repeat (one of ``REPEAT_REASONS``), and the cause as text."""
 
-CAUSE_BY_STATE: Mapping[str, Cause] = {
+CAUSE_BY_STATE: Mapping[str, RepeatCause] = {
     "repeated": (EXPERIMENTER, "repeated"),
     "skipped": (EXPERIMENTER, "skipped"),
     "paused": (EXPERIMENTER, "paused"),
     "ended": (EXPERIMENTER, "session ended"),
     "failed": (TECHNICAL, "recording failed"),
 }
-CAUSE_BY_EVENT: Mapping[str, Cause] = {
+CAUSE_BY_EVENT: Mapping[str, RepeatCause] = {
     "tracking timed out": (TECHNICAL, "tracking lost"),
     "visibility lost": (TECHNICAL, "scene not visible"),
     "time lost": (TECHNICAL, "computer was suspended"),
     "connection lost": (TECHNICAL, "network"),
     "torso height corrected": (EXPERIMENTER, "torso height corrected"),
 }
-COMMANDS = {
+COMMANDS_BY_ATTEMPT_STATE = {
     "repeated": ("repeat",),
     "skipped": ("skip",),
     "paused": ("pause",),
@@ -44,10 +44,10 @@ _ENDED = re.compile(r"attempt (?!running)")
 
 
 @dataclass(frozen=True)
-class Repeat:
+class ReplacedAttempt:
     """An attempt that a later attempt replaced.
 
-    ``reason``: one of ``REASONS``. ``cause``: the cause as text. ``requested_by``: name of the experimenter that
+    ``reason``: one of ``REPEAT_REASONS``. ``cause``: the cause as text. ``requested_by``: name of the experimenter that
     requested the repeat (``NOT_LOGGED`` if unknown); empty for other reasons.
     """
 
@@ -76,7 +76,7 @@ class AttemptedTrial:
     participant: Participant
     trial: Trial
     attempts: Sequence[TrialAttempt]
-    repeats: Sequence[Repeat]
+    repeats: Sequence[ReplacedAttempt]
 
     @property
     def requested_repeats(self) -> int:
@@ -108,8 +108,8 @@ class _Causes:
 
     def __init__(self, store: Store) -> None:
         self._sites = site_names(store)
-        self._log = defaultdict[int | None, list[LogEntry]](list)
-        for entry in store.log():
+        self._log = defaultdict[int | None, list[AuditLogEntry]](list)
+        for entry in store.audit_log():
             self._log[entry.participant].append(entry)
         self._events = defaultdict[int | None, list[StudyEvent]](list)
         self._ends: dict[int, int] = {}
@@ -125,23 +125,24 @@ class _Causes:
             if session.state == "interrupted"
         }
 
-    def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> Repeat:
+    def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> ReplacedAttempt:
         entry = self._command(person, attempt)
         reason, cause = self._cause(attempt, entry)
-        by = describe_person(entry, self._sites) if entry is not None else NOT_LOGGED
-        return Repeat(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
+        by = describe_log_person(entry, self._sites) if entry is not None else NOT_LOGGED
+        return ReplacedAttempt(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
-    def _command(self, person: Participant, attempt: TrialAttempt) -> LogEntry | None:
+    def _command(self, person: Participant, attempt: TrialAttempt) -> AuditLogEntry | None:
         """Returns the last command in the log that can have ended the attempt; ``None`` if there is none."""
         ended_at = attempt.ended_at or ""
         fitting = [
             entry
             for entry in self._log[person.number]
-            if entry.name in COMMANDS.get(attempt.state, ()) and attempt.started_at <= entry.at <= ended_at
+            if entry.name in COMMANDS_BY_ATTEMPT_STATE.get(attempt.state, ())
+            and attempt.started_at <= entry.at <= ended_at
         ]
         return max(fitting, key=lambda entry: entry.at, default=None)
 
-    def _cause(self, attempt: TrialAttempt, entry: LogEntry | None) -> Cause:
+    def _cause(self, attempt: TrialAttempt, entry: AuditLogEntry | None) -> RepeatCause:
         if attempt.state in CAUSE_BY_STATE:
             return CAUSE_BY_STATE[attempt.state]
         before, after = self._next_to_end(attempt)
@@ -157,7 +158,7 @@ class _Causes:
             return EXPERIMENTER, "measured again"
         return self._without_event(attempt, after)
 
-    def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> Cause:
+    def _without_event(self, attempt: TrialAttempt, after: Sequence[StudyEvent]) -> RepeatCause:
         """Returns the cause of an interruption that no event explains, from the events after it."""
         details = [event.detail for event in after if event.name == "phase entered"]
         if any("phase waiting" in detail for detail in details):

@@ -7,12 +7,19 @@ from statistics import fmean
 
 import sqlalchemy as sa
 
-from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.allocation import trial_orders
 from avrgym.study.storage.answers import has_open_questionnaire
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Participant, StudyAnswer, StudySession, Tombstone, Trial, TrialAttempt
-from avrgym.study.storage.states import PARTICIPATING, UNKNOWN
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.rows import (
+    DeletedParticipant,
+    Participant,
+    StudyAnswer,
+    StudySession,
+    Trial,
+    TrialAttempt,
+)
+from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION
+from avrgym.study.storage.store import Store, find_rows
 
 
 @dataclass(frozen=True)
@@ -62,9 +69,9 @@ class StudySummary:
 
 def summarise_study(store: Store) -> StudySummary:
     """Returns the current progress of a study."""
-    with store.database.read() as connection:
-        participants = find_all(connection, Participant)
-        deleted = len(find_all(connection, Tombstone))
+    with store.database.read_transaction() as connection:
+        participants = find_rows(connection, Participant)
+        deleted = len(find_rows(connection, DeletedParticipant))
         counts = _count(store, connection)
     states = Counter(participant.state for participant in participants)
     return StudySummary(
@@ -74,12 +81,12 @@ def summarise_study(store: Store) -> StudySummary:
         completed=states["completed"],
         withdrawn=states["withdrawn"],
         excluded=states["excluded"],
-        unknown=states[UNKNOWN],
+        unknown=states[UNKNOWN_PARTICIPATION],
         deleted=deleted,
-        filled=_per_cell(store, participants, PARTICIPATING),
+        filled=_per_cell(store, participants, PARTICIPATING_STATES),
         completed_cells=_per_cell(store, participants, ("completed",)),
         filled_by_site={
-            site: _per_cell(store, [each for each in participants if each.site == site], PARTICIPATING)
+            site: _per_cell(store, [each for each in participants if each.site == site], PARTICIPATING_STATES)
             for site in sorted({each.site for each in participants if each.site})
         },
         participants=tuple(_summarise(participant, counts) for participant in participants),
@@ -88,7 +95,7 @@ def summarise_study(store: Store) -> StudySummary:
 
 def _per_cell(store: Store, participants: list[Participant], states: tuple[str, ...]) -> tuple[int, ...]:
     count = Counter(participant.cell for participant in participants if participant.state in states)
-    return tuple(count[cell] for cell in range(len(cell_orders(store.design))))
+    return tuple(count[cell] for cell in range(len(trial_orders(store.design))))
 
 
 def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
@@ -96,9 +103,9 @@ def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
 
     Keys are the name of the column, then the participant number.
     """
-    trials = find_all(connection, Trial)
-    of_session = {session.id: session.participant for session in find_all(connection, StudySession)}
-    completed = find_all(connection, TrialAttempt, state="completed")
+    trials = find_rows(connection, Trial)
+    of_session = {session.id: session.participant for session in find_rows(connection, StudySession)}
+    completed = find_rows(connection, TrialAttempt, state="completed")
     return {
         "questionnaires_open": Counter(
             of_session[each.session] for each in completed if has_open_questionnaire(store, connection, each)
@@ -106,8 +113,8 @@ def _count(store: Store, connection: sa.Connection) -> dict[str, Counter[int]]:
         "sessions": Counter(of_session.values()),
         "trials": Counter(trial.participant for trial in trials),
         "trials_completed": Counter(trial.participant for trial in trials if trial.state == "completed"),
-        "attempts": Counter(of_session[attempt.session] for attempt in find_all(connection, TrialAttempt)),
-        "answers": Counter(of_session[answer.session] for answer in find_all(connection, StudyAnswer)),
+        "attempts": Counter(of_session[attempt.session] for attempt in find_rows(connection, TrialAttempt)),
+        "answers": Counter(of_session[answer.session] for answer in find_rows(connection, StudyAnswer)),
     }
 
 
@@ -124,7 +131,7 @@ def _summarise(participant: Participant, counts: dict[str, Counter[int]]) -> Par
     )
 
 
-Condition = tuple[str, str, str, bool]
+ConditionKey = tuple[str, str, str, bool]
 """Task, robot, policy (a letter for a blinded experimenter), and whether participants are simulated."""
 
 
@@ -154,7 +161,7 @@ def summarise_results(
     ``answered_items``: the items that participants answered; by default, they are read from the study.
     """
     answered_items = answered_items or AnsweredItems(store)
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         completed = _completed_attempts(store, connection)
         answers = _answers_by_attempt(connection)
     return tuple(
@@ -168,39 +175,39 @@ def summarise_results(
     )
 
 
-def _completed_attempts(store: Store, connection: sa.Connection) -> dict[Condition, list[TrialAttempt]]:
-    participants = {each.number: each for each in find_all(connection, Participant)}
-    trials = {trial.id: trial for trial in find_all(connection, Trial)}
-    found = defaultdict[Condition, list[TrialAttempt]](list)
-    for attempt in find_all(connection, TrialAttempt, state="completed"):
+def _completed_attempts(store: Store, connection: sa.Connection) -> dict[ConditionKey, list[TrialAttempt]]:
+    participants = {each.number: each for each in find_rows(connection, Participant)}
+    trials = {trial.id: trial for trial in find_rows(connection, Trial)}
+    found = defaultdict[ConditionKey, list[TrialAttempt]](list)
+    for attempt in find_rows(connection, TrialAttempt, state="completed"):
         trial = trials[attempt.trial]
         participant = participants[trial.participant]
-        if not trial.practice and participant.state in PARTICIPATING:
+        if not trial.practice and participant.state in PARTICIPATING_STATES:
             found[_condition(store, trial, participant)].append(attempt)
     return found
 
 
-def _condition(store: Store, trial: Trial, participant: Participant) -> Condition:
-    policy = store.design.shown_policy(trial.policy, trial.practice)
+def _condition(store: Store, trial: Trial, participant: Participant) -> ConditionKey:
+    policy = store.design.displayed_policy(trial.policy, trial.practice)
     return trial.task, trial.robot, policy, participant.simulated
 
 
 def _answers_by_attempt(connection: sa.Connection) -> dict[int | None, list[StudyAnswer]]:
     found = defaultdict[int | None, list[StudyAnswer]](list)
-    for answer in find_all(connection, StudyAnswer):
+    for answer in find_rows(connection, StudyAnswer):
         found[answer.attempt].append(answer)
     return found
 
 
 def _summarise_condition(
     answered_items: AnsweredItems,
-    condition: Condition,
+    condition: ConditionKey,
     attempts: Sequence[TrialAttempt],
     answers: Sequence[StudyAnswer],
 ) -> ConditionResults:
     values = defaultdict[str, list[int]](list)
     for answer in filter(answered_items.contains, answers):
-        values[answered_items.item(answer).id].append(answered_items.value(answer))
+        values[answered_items.item_of(answer).id].append(answered_items.scale_value_of(answer))
     return ConditionResults(
         *condition,
         trials=len(attempts),

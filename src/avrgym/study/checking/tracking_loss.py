@@ -1,25 +1,25 @@
 """Share of tracking loss in a trial: time with missing, late or implausible frames. The person model then stops."""
 
-from avrgym.models.body_names import BODY_PART_LABELS, BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import TrackingFrame
 from avrgym.study.design.design import Design
-from avrgym.vr.tracking.freshness import STALE_S
+from avrgym.vr.tracking.freshness import STALE_POSE_AGE_S
 
 
-def tracking_loss_share(recording: Recording, part: BodyPart | None = None) -> float | None:
+def tracking_loss_share(recording: Recording, part: TrackedBodyPart | None = None) -> float | None:
     """Returns the share (0 to 1) of the robot's assistance time without tracking; ``None`` without assistance.
 
-    A frame is valid until the next frame, for at most ``STALE_S``. A frame is lost if the whole frame, or one body part
-    in it, is stale or rejected. With ``part``, only this body part is considered.
+    A frame is valid until the next frame, for at most ``STALE_POSE_AGE_S``. A frame is lost if the whole frame, or one
+    body part in it, is stale or rejected. With ``part``, only this body part is considered.
     """
     span = _assistance_span_s(recording)
     if span is None:
         return None
-    frames = [(time_ns / 1e9, frame) for time_ns, frame in recording.topics["/tracking"]]
+    frames = [(time_ns / 1e9, frame) for time_ns, frame in recording.messages_by_topic["/tracking"]]
     ends_s = [time_s for time_s, _ in frames[1:]] + [span[1]]
     tracked_s = sum(
-        _overlap_s(span, time_s, min(end_s, time_s + STALE_S))
+        _overlap_s(span, time_s, min(end_s, time_s + STALE_POSE_AGE_S))
         for (time_s, frame), end_s in zip(frames, ends_s, strict=False)
         if not _is_held(frame, part)
     )
@@ -34,7 +34,10 @@ def describe_excess_loss(recording: Recording, design: Design) -> str | None:
     share = tracking_loss_share(recording)
     if share is None or share <= design.max_held_share:
         return None
-    parts = {BODY_PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0 for part in BODY_PARTS}
+    parts = {
+        TRACKED_BODY_PART_LABELS[part]: tracking_loss_share(recording, part) or 0.0
+        for part in TRACKED_BODY_PARTS
+    }
     by_part = ", ".join(f"{words} {100 * part:.1f} %" for words, part in parts.items())
     return (
         f"tracking was lost for {100 * share:.1f} % of the robot's assistance time ({by_part}); "
@@ -42,7 +45,7 @@ def describe_excess_loss(recording: Recording, design: Design) -> str | None:
     )
 
 
-def _is_held(frame: TrackingFrame, part: BodyPart | None) -> bool:
+def _is_held(frame: TrackingFrame, part: TrackedBodyPart | None) -> bool:
     in_part = bool(frame.held_parts) if part is None else part in frame.held_parts
     return frame.held or in_part
 
@@ -52,10 +55,10 @@ def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:
 
     If the recording does not contain the start of assistance, the first control step is the start.
     """
-    control_s = [time_ns / 1e9 for time_ns, _ in recording.topics["/control"]]
+    control_s = [time_ns / 1e9 for time_ns, _ in recording.messages_by_topic["/control"]]
     begins_s = [
         time_ns / 1e9
-        for time_ns, event in recording.topics["/events"]
+        for time_ns, event in recording.messages_by_topic["/events"]
         if (event.name, event.detail) == ("phase", "trial")
     ]
     if not control_s or (begins_s + control_s)[0] >= control_s[-1]:

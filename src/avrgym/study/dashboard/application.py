@@ -20,16 +20,16 @@ from avrgym.policies.trained import PolicyError
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.dashboard.caregiver import caregiver_app
 from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
-from avrgym.study.dashboard.views import link_view, overview, participant_view, results_view
-from avrgym.study.people.adverse_events import Report, record_adverse_event
+from avrgym.study.dashboard.views import link_view, participant_view, results_view, study_overview
+from avrgym.study.people.adverse_events import AdverseEventDetails, record_adverse_event
 from avrgym.study.people.furniture import furniture_of, record_furniture
-from avrgym.study.people.identities import PossibleDuplicate
+from avrgym.study.people.identities import PossibleDuplicateError
 from avrgym.study.people.input_profiles import parse_profile, set_input_profile
 from avrgym.study.people.participants import (
     add_note,
     decline_consent,
     edit_note,
-    enrol,
+    enrol_participant,
     record_consent,
     record_inclusion,
     set_identity,
@@ -40,8 +40,8 @@ from avrgym.study.people.proxies import set_respondent
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.vr.server.authentication import Caller, Tokens
-from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
+from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
+from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
@@ -103,21 +103,21 @@ class Dashboard:
     """
 
     store: Store
-    live: LiveSessions | None
+    live_sessions: LiveSessions | None
     experimenter: str = ""
 
     @property
-    def participant(self) -> str | None:
+    def running_participant(self) -> str | None:
         """Pseudonym of the running session's participant; ``None`` without a session."""
-        return self.live.participant if self.live else None
+        return self.live_sessions.participant if self.live_sessions else None
 
     @property
     def furniture(self) -> RealFurniture:
         """The real seat and bed for the next session."""
-        return self.live.furniture if self.live else self.store.design.furniture
+        return self.live_sessions.furniture if self.live_sessions else self.store.design.furniture
 
 
-class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class EnrolmentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to enrol a new participant."""
 
     sex: Sex
@@ -129,7 +129,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     input: dict[str, Any] | None = None
 
 
-class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class IdentityRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to store name and contact of a participant."""
 
     name: LineText
@@ -137,7 +137,7 @@ class Identification(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     confirm_duplicate: bool = False
 
 
-class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ConsentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A decision about the consent text. ``version``: the version that the person read.
 
     ``role``: one of ``CONSENT_ROLES``.
@@ -147,61 +147,61 @@ class ConsentDecision(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     role: str = PARTICIPANT
 
 
-class InclusionAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InclusionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The participant's answer (yes or no) to each inclusion question, by id."""
 
     answers: dict[str, bool]
 
 
-class InputChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InputProfileRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change the participant's input profile. ``profile``: fields of ``recording.input_profile``."""
 
     profile: dict[str, Any]
 
 
-class NewRespondent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to change the respondent of questionnaires. ``respondent``: one of ``ANSWERING``."""
+class RespondentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Request to change the respondent of questionnaires. ``respondent``: one of ``PARTICIPANT_RESPONDENTS``."""
 
     respondent: str
 
 
-class NewPreferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class PreferencesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to change preferences for the robot. ``changes``: texts ``name=value``, see ``change_preferences``."""
 
     changes: list[LineText]
 
 
-class Withdrawal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class WithdrawalRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to withdraw a participant. The reason may be empty."""
 
     reason: LineText = ""
 
 
-class NewNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class NoteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to add a note of the experimenter."""
 
     text: NoteText
 
 
-class EditedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class NoteEditRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to replace the text of a note."""
 
     id: int
     text: NoteText
 
 
-class NewReport(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AdverseEventRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A report of a new adverse event, or a follow-up of the adverse event with number ``follows``."""
 
-    report: Report
+    report: AdverseEventDetails
     follows: int | None = None
 
 
-class NewLink(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class LinkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request for a new link to the running session."""
 
 
-class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class SessionStartRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to start a session. ``furniture`` replaces the furniture of the previous session.
 
     ``own``: the furniture belongs to the participant and is stored for their later sessions.
@@ -211,8 +211,8 @@ class SessionStart(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     own: bool = False
 
 
-def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
-    pseudonym = enrol(
+def _enrol(dashboard: Dashboard, new: EnrolmentRequest) -> dict[str, str]:
+    pseudonym = enrol_participant(
         dashboard.store,
         new.sex,
         age_years=new.age_years,
@@ -225,7 +225,7 @@ def _enrol(dashboard: Dashboard, new: Enrolment) -> dict[str, str]:
     return {"participant": pseudonym}
 
 
-def _identify(dashboard: Dashboard, pseudonym: str, identification: Identification) -> None:
+def _identify(dashboard: Dashboard, pseudonym: str, identification: IdentityRequest) -> None:
     set_identity(
         dashboard.store,
         pseudonym,
@@ -235,17 +235,17 @@ def _identify(dashboard: Dashboard, pseudonym: str, identification: Identificati
     )
 
 
-def _consent(dashboard: Dashboard, pseudonym: str, agreement: ConsentDecision) -> None:
+def _consent(dashboard: Dashboard, pseudonym: str, agreement: ConsentRequest) -> None:
     _check_version(dashboard, agreement)
     record_consent(dashboard.store, pseudonym, agreement.role)
 
 
-def _decline(dashboard: Dashboard, pseudonym: str, refusal: ConsentDecision) -> None:
+def _decline(dashboard: Dashboard, pseudonym: str, refusal: ConsentRequest) -> None:
     _check_version(dashboard, refusal)
     decline_consent(dashboard.store, pseudonym, refusal.role)
 
 
-def _check_version(dashboard: Dashboard, agreement: ConsentDecision) -> None:
+def _check_version(dashboard: Dashboard, agreement: ConsentRequest) -> None:
     present = dashboard.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
@@ -253,23 +253,23 @@ def _check_version(dashboard: Dashboard, agreement: ConsentDecision) -> None:
         )
 
 
-def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionAnswers) -> None:
+def _include(dashboard: Dashboard, pseudonym: str, inclusion: InclusionRequest) -> None:
     record_inclusion(dashboard.store, pseudonym, inclusion.answers)
 
 
-def _change_input(dashboard: Dashboard, pseudonym: str, new: InputChange) -> None:
+def _change_input(dashboard: Dashboard, pseudonym: str, new: InputProfileRequest) -> None:
     profile = parse_profile(new.profile)
-    if dashboard.live is not None and dashboard.live.participant == pseudonym:
-        dashboard.live.change_input(pseudonym, profile)
+    if dashboard.live_sessions is not None and dashboard.live_sessions.participant == pseudonym:
+        dashboard.live_sessions.change_input(pseudonym, profile)
     else:
         set_input_profile(dashboard.store, pseudonym, profile)
 
 
-def _change_respondent(dashboard: Dashboard, pseudonym: str, new: NewRespondent) -> None:
+def _change_respondent(dashboard: Dashboard, pseudonym: str, new: RespondentRequest) -> None:
     set_respondent(dashboard.store, pseudonym, new.respondent)
 
 
-def _change_preferences(dashboard: Dashboard, pseudonym: str, new: NewPreferences) -> None:
+def _change_preferences(dashboard: Dashboard, pseudonym: str, new: PreferencesRequest) -> None:
     before = preferences_of(dashboard.store, pseudonym) or DEFAULT_PREFERENCES
     try:
         preferences = change_preferences(before, new.changes)
@@ -278,65 +278,65 @@ def _change_preferences(dashboard: Dashboard, pseudonym: str, new: NewPreference
     record_preferences(dashboard.store, pseudonym, preferences)
 
 
-def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: Withdrawal) -> None:
-    if dashboard.live is not None and dashboard.live.participant == pseudonym:
-        dashboard.live.withdraw(pseudonym, withdrawal.reason)
+def _withdraw(dashboard: Dashboard, pseudonym: str, withdrawal: WithdrawalRequest) -> None:
+    if dashboard.live_sessions is not None and dashboard.live_sessions.participant == pseudonym:
+        dashboard.live_sessions.withdraw(pseudonym, withdrawal.reason)
     else:
         withdraw(dashboard.store, pseudonym, withdrawal.reason)
 
 
-def _note(dashboard: Dashboard, pseudonym: str, note: NewNote) -> None:
-    running = dashboard.participant == pseudonym
+def _note(dashboard: Dashboard, pseudonym: str, note: NoteRequest) -> None:
+    running = dashboard.running_participant == pseudonym
     session = dashboard.store.sessions(pseudonym)[-1].id if running else None
     add_note(dashboard.store, pseudonym, note.text, session)
 
 
-def _edit_note(dashboard: Dashboard, pseudonym: str, note: EditedNote) -> None:
+def _edit_note(dashboard: Dashboard, pseudonym: str, note: NoteEditRequest) -> None:
     edit_note(dashboard.store, pseudonym, note.id, note.text)
 
 
-def _report(dashboard: Dashboard, pseudonym: str, new: NewReport) -> None:
+def _report(dashboard: Dashboard, pseudonym: str, new: AdverseEventRequest) -> None:
     record_adverse_event(
         dashboard.store, pseudonym, new.report, follows=new.follows, recorded_by=dashboard.experimenter
     )
 
 
-def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStart) -> None:
-    if dashboard.live is None:
+def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStartRequest) -> None:
+    if dashboard.live_sessions is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
     stored = furniture_of(dashboard.store, pseudonym)
     given = start.furniture
     if given is None or not (start.own or stored):
-        dashboard.live.begin(pseudonym, given)
+        dashboard.live_sessions.begin(pseudonym, given)
         return
     if given != stored:
         record_furniture(dashboard.store, pseudonym, given)
-    dashboard.live.begin(pseudonym)
+    dashboard.live_sessions.begin(pseudonym)
 
 
-def _renew_link(dashboard: Dashboard, pseudonym: str, _: NewLink) -> None:
-    if dashboard.live is None:
+def _renew_link(dashboard: Dashboard, pseudonym: str, _: LinkRequest) -> None:
+    if dashboard.live_sessions is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
-    dashboard.live.renew_link(pseudonym)
+    dashboard.live_sessions.renew_link(pseudonym)
 
 
-ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
-    "identity": (Identification, _identify),
-    "consent": (ConsentDecision, _consent),
-    "declined-consent": (ConsentDecision, _decline),
-    "inclusion": (InclusionAnswers, _include),
-    "input": (InputChange, _change_input),
-    "respondent": (NewRespondent, _change_respondent),
-    "preferences": (NewPreferences, _change_preferences),
-    "withdrawal": (Withdrawal, _withdraw),
-    "notes": (NewNote, _note),
-    "edited-notes": (EditedNote, _edit_note),
-    "adverse-events": (NewReport, _report),
-    "sessions": (SessionStart, _begin),
-    "links": (NewLink, _renew_link),
+PARTICIPANT_ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboard, str, Any], None]]] = {
+    "identity": (IdentityRequest, _identify),
+    "consent": (ConsentRequest, _consent),
+    "declined-consent": (ConsentRequest, _decline),
+    "inclusion": (InclusionRequest, _include),
+    "input": (InputProfileRequest, _change_input),
+    "respondent": (RespondentRequest, _change_respondent),
+    "preferences": (PreferencesRequest, _change_preferences),
+    "withdrawal": (WithdrawalRequest, _withdraw),
+    "notes": (NoteRequest, _note),
+    "edited-notes": (NoteEditRequest, _edit_note),
+    "adverse-events": (AdverseEventRequest, _report),
+    "sessions": (SessionStartRequest, _begin),
+    "links": (LinkRequest, _renew_link),
 }
 """Actions on a participant: type of the request body and function, by the last part of the action's route."""
-LOGGED_AS = {
+AUDIT_LOG_NAMES = {
     "identity": "change identity",
     "input": "change input",
     "respondent": "change respondent",
@@ -369,7 +369,7 @@ def dashboard_app(
     """
 
     def experimenter_only(request: Request) -> None:
-        caller = tokens.bearer(request.headers)
+        caller = tokens.client_of_request(request.headers)
         if caller is None or caller.role != "experimenter":
             raise HTTPException(
                 401, "invalid token; open the experimenter's address, which the server printed"
@@ -378,33 +378,35 @@ def dashboard_app(
 
     dashboard, log = Dashboard(store, live), DashboardLog(store)
     app = FastAPI(openapi_url=None, dependencies=[Depends(experimenter_only)])
-    app.add_exception_handler(StudyError, refuse_with(409))
-    app.add_exception_handler(PossibleDuplicate, refuse_with(409, confirm="duplicate"))
-    app.add_exception_handler(PolicyError, refuse_with(409))
-    app.add_exception_handler(OSError, refuse_with(507))
+    app.add_exception_handler(StudyError, make_error_handler(409))
+    app.add_exception_handler(PossibleDuplicateError, make_error_handler(409, confirm="duplicate"))
+    app.add_exception_handler(PolicyError, make_error_handler(409))
+    app.add_exception_handler(OSError, make_error_handler(507))
 
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
-        log.view(_caller(request), "view dashboard")
-        link = link_view(dashboard.live.links, addresses) if dashboard.live else None
-        own = dashboard.live.caregiver_links.link if dashboard.live else None
+        log.log_view(_caller(request), "view dashboard")
+        link = link_view(dashboard.live_sessions.links, addresses) if dashboard.live_sessions else None
+        own = dashboard.live_sessions.caregiver_links.link if dashboard.live_sessions else None
         caregiver = tuple(caregiver_addresses(own)) if own else ()
-        furniture, name = dashboard.furniture, _caller(request).name
-        return json_response(overview(store, dashboard.participant, furniture, name, link, caregiver))
+        furniture, name = dashboard.furniture, _caller(request).experimenter_name
+        return json_response(
+            study_overview(store, dashboard.running_participant, furniture, name, link, caregiver)
+        )
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
-        log.view(_caller(request), VIEW_RESULTS)
+        log.log_view(_caller(request), VIEW_RESULTS)
         return json_response(results_view(store))
 
     @app.get("/participants/{pseudonym}")
     def read_participant(pseudonym: str, request: Request) -> Response:
         view = participant_view(store, pseudonym)
-        log.view(_caller(request), "view participant", pseudonym)
+        log.log_view(_caller(request), "view participant", pseudonym)
         return json_response(view)
 
-    def logged(caller: Caller, new: Enrolment) -> dict[str, str]:
-        with log.command(caller, "enrol", None) as entry:
+    def logged(caller: AuthenticatedClient, new: EnrolmentRequest) -> dict[str, str]:
+        with log.log_command(caller, "enrol", None) as entry:
             enrolled = _enrol(dashboard, new)
             entry.participant = enrolled["participant"]
         return enrolled
@@ -413,14 +415,14 @@ def dashboard_app(
     async def enrol_somebody(request: Request) -> Response:
         return json_response(
             await run_in_threadpool(
-                logged, _caller(request), await decode_body(request, Enrolment, MAX_BODY_BYTES)
+                logged, _caller(request), await decode_json_body(request, EnrolmentRequest, MAX_BODY_BYTES)
             )
         )
 
     if live is not None:
         app.mount("/care", caregiver_app(store, tokens, live))
-    for name, (kind, act) in ACTIONS.items():
-        endpoint = _endpoint(dashboard, log, LOGGED_AS.get(name, name), kind, act)
+    for name, (kind, act) in PARTICIPANT_ACTIONS.items():
+        endpoint = _endpoint(dashboard, log, AUDIT_LOG_NAMES.get(name, name), kind, act)
         app.post(f"/participants/{{pseudonym}}/{name}")(endpoint)
     return app
 
@@ -432,18 +434,18 @@ def _endpoint(
     kind: type[msgspec.Struct],
     act: Callable[[Dashboard, str, Any], None],
 ) -> Callable[..., Awaitable[Response]]:
-    def logged(caller: Caller, pseudonym: str, body: Any) -> None:
-        with log.command(caller, name, pseudonym):
-            act(replace(dashboard, experimenter=caller.name), pseudonym, body)
+    def logged(caller: AuthenticatedClient, pseudonym: str, body: Any) -> None:
+        with log.log_command(caller, name, pseudonym):
+            act(replace(dashboard, experimenter=caller.experimenter_name), pseudonym, body)
 
     async def endpoint(pseudonym: str, request: Request) -> Response:
         await run_in_threadpool(
-            logged, _caller(request), pseudonym, await decode_body(request, kind, MAX_BODY_BYTES)
+            logged, _caller(request), pseudonym, await decode_json_body(request, kind, MAX_BODY_BYTES)
         )
         return Response(status_code=204)
 
     return endpoint
 
 
-def _caller(request: Request) -> Caller:
+def _caller(request: Request) -> AuthenticatedClient:
     return request.state.caller

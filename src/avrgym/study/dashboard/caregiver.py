@@ -7,7 +7,7 @@ from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
 from avrgym.commands.respondents import CAREGIVER
-from avrgym.questionnaires.questionnaire import translate
+from avrgym.questionnaires.questionnaire import translate_items
 from avrgym.recording.schema import Answer
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage.answers import caregiver_answers, record_caregiver_answer
@@ -15,7 +15,7 @@ from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_session
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.request_body import decode_body, json_response, refuse_with
+from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
 
 MAX_BODY_BYTES = 1 << 10
 
@@ -44,7 +44,7 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
     """
 
     def caregiver_only(request: Request) -> None:
-        caller = tokens.bearer(request.headers)
+        caller = tokens.client_of_request(request.headers)
         if caller is None or caller.role != "caregiver" or sessions.caregiver_session is None:
             raise HTTPException(
                 401, "invalid link; open the caregiver's address of this session, which the dashboard shows"
@@ -53,7 +53,7 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
     app = FastAPI(openapi_url=None, dependencies=[Depends(caregiver_only)])
 
-    app.add_exception_handler(StudyError, refuse_with(409))
+    app.add_exception_handler(StudyError, make_error_handler(409))
 
     @app.get("/items")
     def read_items(request: Request) -> Response:
@@ -61,7 +61,7 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
     @app.post("/answers")
     async def answer(request: Request) -> Response:
-        given = await decode_body(request, CaregiverAnswer, MAX_BODY_BYTES)
+        given = await decode_json_body(request, CaregiverAnswer, MAX_BODY_BYTES)
         stored = Answer(given.item, given.value, given.response_time_s)
         await run_in_threadpool(record_caregiver_answer, store, request.state.session, stored)
         return Response(status_code=204)
@@ -71,10 +71,10 @@ def caregiver_app(store: Store, tokens: Tokens, sessions: CaregiverSession) -> F
 
 def caregiver_items(store: Store, session_id: int) -> list[dict[str, Any]]:
     """Returns the caregiver's items in the participant's language, with the answers so far."""
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         session = find_session(connection, session_id)
     texts = participant_texts(store, store.participant(pseudonym_of(session.participant)))
-    items = translate(store.design.items_at(CAREGIVER, session.participant), texts)
+    items = translate_items(store.design.items_at_moment(CAREGIVER, session.participant), texts)
     given = caregiver_answers(store, session_id)
     return [
         {name: getattr(item, name) for name in ("id", "text", "points", "low", "high", "labels")}

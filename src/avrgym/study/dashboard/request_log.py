@@ -8,30 +8,30 @@ from dataclasses import dataclass
 from typing import Any
 
 from avrgym.study.storage.audit_log import (
-    OWN_TOKEN,
-    REFUSED,
+    PERSONAL_TOKEN,
+    REJECTED_COMMAND,
     SHARED_TOKEN,
-    SHARED_TOKEN_NAME,
-    SPECTATORS_TOKEN,
-    Actor,
-    add_entry,
+    SPECTATOR_TOKEN,
+    UNNAMED_PERSON,
+    AuditActor,
+    add_log_entry,
 )
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
-from avrgym.vr.server.authentication import Caller
+from avrgym.vr.server.authentication import AuthenticatedClient
 
 VIEW_TIMEOUT_S = 600.0
 """A view of a page ends after this time (in seconds) without a request. Pages send requests repeatedly."""
 VIEW_RESULTS = "view results"
 
 
-def actor_of(caller: Caller) -> Actor:
+def actor_of(caller: AuthenticatedClient) -> AuditActor:
     """Returns the person with a token, in the format of the audit log."""
-    if caller.name:
-        return Actor(caller.name, OWN_TOKEN)
-    return Actor(SHARED_TOKEN_NAME, SPECTATORS_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
+    if caller.experimenter_name:
+        return AuditActor(caller.experimenter_name, PERSONAL_TOKEN)
+    return AuditActor(UNNAMED_PERSON, SPECTATOR_TOKEN if caller.role == "spectator" else SHARED_TOKEN)
 
 
 @dataclass
@@ -49,9 +49,9 @@ class DashboardLog:
 
     def __init__(self, store: Store) -> None:
         self._store = store
-        self._seen_s: dict[tuple[Caller, str, str | None], float] = {}
+        self._seen_s: dict[tuple[AuthenticatedClient, str, str | None], float] = {}
 
-    def view(self, caller: Caller, name: str, pseudonym: str | None = None) -> None:
+    def log_view(self, caller: AuthenticatedClient, name: str, pseudonym: str | None = None) -> None:
         """Add a log entry for a page that a caller views. Repeated requests of the same view add no entry.
 
         Raises ``StudyError`` if the entry cannot be stored.
@@ -60,24 +60,26 @@ class DashboardLog:
             return
         try:
             shows = name == VIEW_RESULTS
-            add_entry(self._store, actor_of(caller), name, pseudonym, shows_results=shows)
+            add_log_entry(self._store, actor_of(caller), name, pseudonym, shows_results=shows)
         except StudyError:
             del self._seen_s[caller, name, pseudonym]
             raise
 
     @contextmanager
-    def command(self, caller: Caller, name: str, pseudonym: str | None) -> Generator["CommandEntry"]:
+    def log_command(
+        self, caller: AuthenticatedClient, name: str, pseudonym: str | None
+    ) -> Generator["CommandEntry"]:
         """Context manager: add a log entry for a command, even if the command is rejected. Yields the entry."""
-        at, entry = now(), CommandEntry(pseudonym)
+        at, entry = utc_timestamp(), CommandEntry(pseudonym)
         try:
             yield entry
         except Exception:
             with suppress(StudyError):  # the first error is raised
-                add_entry(self._store, actor_of(caller), name, pseudonym, REFUSED, at=at)
+                add_log_entry(self._store, actor_of(caller), name, pseudonym, REJECTED_COMMAND, at=at)
             raise
-        add_entry(self._store, actor_of(caller), name, entry.participant, at=at)
+        add_log_entry(self._store, actor_of(caller), name, entry.participant, at=at)
 
-    def _begins(self, caller: Caller, name: str, pseudonym: str | None) -> bool:
+    def _begins(self, caller: AuthenticatedClient, name: str, pseudonym: str | None) -> bool:
         key, seen_s = (caller, name, pseudonym), time.monotonic()
         before_s, self._seen_s[key] = self._seen_s.get(key), seen_s
         return before_s is None or seen_s - before_s > VIEW_TIMEOUT_S
@@ -94,7 +96,7 @@ class LiveLog(DashboardLog):
         super().__init__(store)
         self._storing, self._report = storing, report
 
-    def record(self, caller: Caller, message: Any, pseudonym: str | None) -> None:
+    def log_message(self, caller: AuthenticatedClient, message: Any, pseudonym: str | None) -> None:
         """Add an entry for a message of an experimenter or spectator.
 
         ``pseudonym``: participant of the running session.
@@ -114,11 +116,11 @@ class LiveLog(DashboardLog):
             case _:
                 pass
 
-    def _submit(self, caller: Caller, name: str, pseudonym: str | None, detail: str) -> None:
-        at = now()
+    def _submit(self, caller: AuthenticatedClient, name: str, pseudonym: str | None, detail: str) -> None:
+        at = utc_timestamp()
         with suppress(RuntimeError):  # the server ends
             self._storing.submit(
-                add_entry, self._store, actor_of(caller), name, pseudonym, detail, at=at
+                add_log_entry, self._store, actor_of(caller), name, pseudonym, detail, at=at
             ).add_done_callback(self._tell)
 
     def _tell(self, stored: Future[None]) -> None:

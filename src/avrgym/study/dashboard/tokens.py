@@ -4,8 +4,14 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Self
 
-from avrgym.study.people.experimenters import Experimenters
-from avrgym.vr.server.authentication import ENTER_CODE, LINK_ENDED, Caller, Refusal, Tokens
+from avrgym.study.people.experimenters import ExperimenterTokens
+from avrgym.vr.server.authentication import (
+    CODE_REQUIRED,
+    EXPIRED_LINK,
+    AuthenticatedClient,
+    TokenRejection,
+    Tokens,
+)
 from avrgym.vr.server.session_links import SessionLinks
 
 
@@ -16,15 +22,15 @@ class StudyTokens(Tokens):
     The shared token for ``participant`` is invalid: participants use the link of their session.
     """
 
-    experimenters: Experimenters
-    links: SessionLinks
+    experimenters: ExperimenterTokens
+    participant_links: SessionLinks
     caregiver_links: SessionLinks = field(default_factory=SessionLinks)
 
     @classmethod
     def of_study(
         cls,
         path: Path,
-        experimenters: Experimenters,
+        experimenters: ExperimenterTokens,
         links: SessionLinks,
         caregiver_links: SessionLinks | None = None,
     ) -> Self:
@@ -35,23 +41,25 @@ class StudyTokens(Tokens):
         return cls(
             **asdict(Tokens.load_or_create(path)),
             experimenters=experimenters,
-            links=links,
+            participant_links=links,
             caregiver_links=caregiver_links or SessionLinks(),
         )
 
-    def caller(self, token: str) -> Caller | None:
+    def client_of_token(self, token: str) -> AuthenticatedClient | None:
         """Returns the role and experimenter of a token; ``None`` for an invalid token."""
-        if self.links.opens(token):
-            return Caller("participant")
-        if self.caregiver_links.opens(token):
-            return Caller("caregiver")
-        name = self.experimenters.name_of(token)
-        found = super().caller(token) if name is None else Caller("experimenter", name)
-        return None if found == Caller("participant") else found
+        if self.participant_links.is_current_link(token):
+            return AuthenticatedClient("participant")
+        if self.caregiver_links.is_current_link(token):
+            return AuthenticatedClient("caregiver")
+        name = self.experimenters.experimenter_name(token)
+        found = super().client_of_token(token) if name is None else AuthenticatedClient("experimenter", name)
+        return None if found == AuthenticatedClient("participant") else found
 
-    def refusal(self, token: str) -> Refusal:
+    def rejection_of(self, token: str) -> TokenRejection:
         """Returns the reason why a token is rejected. For an ended link, it is in the participant's language."""
         if not token:
-            return ENTER_CODE
-        language = self.links.language_of_expired(token) or self.caregiver_links.language_of_expired(token)
-        return super().refusal(token) if language is None else replace(LINK_ENDED, language=language)
+            return CODE_REQUIRED
+        language = self.participant_links.expired_link_language(
+            token
+        ) or self.caregiver_links.expired_link_language(token)
+        return super().rejection_of(token) if language is None else replace(EXPIRED_LINK, language=language)

@@ -11,31 +11,31 @@ import msgspec
 from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.commands.preferences import DEFAULT_PREFERENCES, Preferences, describe_preferences
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.recording.input_profile import CONTROLLERS, POSSIBLE_STOPS, InputProfile
+from avrgym.recording.input_profile import ALLOWED_STOP_INPUTS, DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.schema import Metrics
 from avrgym.study.checking.summary import ConditionResults, StudySummary, summarise_results, summarise_study
 from avrgym.study.design.design import Design
 from avrgym.study.export.scores import scores_of, uses_instruments
 from avrgym.study.export.trials import answers_of, attempts_of
 from avrgym.study.people.adverse_events import (
-    SCALES,
-    SOURCES,
-    Report,
+    RATING_SCALES,
+    SCALE_SOURCES,
+    AdverseEventDetails,
     SafetyEvent,
-    group_by_event,
+    group_reports_by_event,
     safety_events,
 )
-from avrgym.study.people.consents import describe, missing_role
+from avrgym.study.people.consents import describe_consent, missing_consent_role
 from avrgym.study.people.furniture import furniture_of
 from avrgym.study.people.participants import consent_text, participant_texts
 from avrgym.study.people.preferences import preferences_of
-from avrgym.study.people.retention import describe_due_deletions, today
+from avrgym.study.people.retention import describe_due_deletions, today_utc
 from avrgym.study.storage.answers import attempts_with_open_questionnaire
-from avrgym.study.storage.identity_file import named_pseudonyms
+from avrgym.study.storage.identity_file import pseudonyms_with_identity
 from avrgym.study.storage.item_versions import AnsweredItems
-from avrgym.study.storage.rows import Note, Participant, Trial, TrialAttempt
+from avrgym.study.storage.rows import ExperimenterNote, Participant, Trial, TrialAttempt
 from avrgym.study.storage.session_summary import SessionSummary, summarise_sessions
-from avrgym.study.storage.states import PARTICIPANT
+from avrgym.study.storage.states import PARTICIPANT_TRANSITIONS
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
@@ -57,7 +57,7 @@ def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) ->
 
     ``addresses``: function that returns the addresses with a link.
     """
-    link, code = links.link, links.code()
+    link, code = links.link, links.current_code()
     return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
 
 
@@ -133,7 +133,7 @@ class AdverseEventView:
     number: int
     reports: int
     recorded_at: str
-    report: Report
+    report: AdverseEventDetails
 
 
 @dataclass(frozen=True)
@@ -173,12 +173,12 @@ class ParticipantView:
     sessions: tuple[SessionSummary, ...]
     scores: tuple[ScoreView, ...]
     trials: tuple[TrialView, ...]
-    notes: tuple[Note, ...]
+    notes: tuple[ExperimenterNote, ...]
     adverse_events: tuple[AdverseEventView, ...]
     safety_events: tuple[SafetyEvent, ...]
 
 
-def overview(
+def study_overview(
     store: Store,
     live: str | None,
     furniture: RealFurniture,
@@ -196,9 +196,9 @@ def overview(
         live=live,
         furniture=furniture,
         experimenter=experimenter,
-        scales=SCALES,
-        scales_words=SOURCES,
-        input_stops=POSSIBLE_STOPS,
+        scales=RATING_SCALES,
+        scales_words=SCALE_SOURCES,
+        input_stops=ALLOWED_STOP_INPUTS,
         link=link,
         caregiver_addresses=caregiver_addresses,
     )
@@ -209,7 +209,7 @@ def results_view(store: Store) -> Results:
     answered_items = AnsweredItems(store)
     return Results(
         blinded=store.design.blind_experimenter,
-        items={name: item.text for name, item in answered_items.design.items.items()},
+        items={name: item.text for name, item in answered_items.design.items_by_id.items()},
         results=summarise_results(store, answered_items),
     )
 
@@ -218,7 +218,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     """Returns the view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
-    input_profile = participant.input_profile or CONTROLLERS
+    input_profile = participant.input_profile or DEFAULT_INPUT_PROFILE
     attempts = defaultdict[int, list[TrialAttempt]](list)
     for attempt in store.attempts(pseudonym):
         attempts[attempt.trial].append(attempt)
@@ -229,13 +229,13 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
     return ParticipantView(
         participant=pseudonym,
         state=participant.state,
-        may_become=PARTICIPANT[participant.state],
+        may_become=PARTICIPANT_TRANSITIONS[participant.state],
         simulated=participant.simulated,
         sex=participant.sex,
         age_years=participant.age_years,
-        input=msgspec.structs.replace(input_profile, stops=input_profile.stop_ways),
+        input=msgspec.structs.replace(input_profile, stops=input_profile.stop_inputs),
         input_words=input_profile.describe(),
-        identified=pseudonym in named_pseudonyms(store.folder),
+        identified=pseudonym in pseudonyms_with_identity(store.folder),
         language=texts.language,
         direction=texts.direction,
         consent=consent_text(store, participant).text,
@@ -243,8 +243,8 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
         consented_at=participant.consented_at,
         consent_version=participant.consent_version,
         must_reconsent=participant.must_reconsent(design.consent.version),
-        consents=tuple(describe(each) for each in consents),
-        missing_consent=missing_role(consents, design.consent.version),
+        consents=tuple(describe_consent(each) for each in consents),
+        missing_consent=missing_consent_role(consents, design.consent.version),
         furniture=furniture_of(store, pseudonym),
         preferences=own,
         preferences_words="" if own is None else describe_preferences(own, texts.language),
@@ -270,7 +270,7 @@ def _short(store: Store) -> Iterator[str]:
 
 def _due(store: Store) -> Iterator[str]:
     """Yields a sentence for each kind of data after the end of its retention period."""
-    return (f"Retention: {words}." for words in describe_due_deletions(store, today()))
+    return (f"Retention: {words}." for words in describe_due_deletions(store, today_utc()))
 
 
 def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
@@ -280,18 +280,20 @@ def _scores(store: Store, participant: Participant) -> Iterator[ScoreView]:
     for score in scores_of(
         store, participant, answers_of(store, participant, attempts, answered_items), answered_items
     ):
-        row = score.row()
+        row = score.to_row()
         yield ScoreView(**{name: getattr(row, name) for name in ScoreView.__dataclass_fields__})
 
 
 def _adverse_events(store: Store, pseudonym: str) -> Iterator[AdverseEventView]:
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
-    for event in group_by_event(store.adverse_events(pseudonym)):
-        latest = event.latest
-        known: dict[str, Any] = {name: getattr(latest, name) for name in Report.__struct_fields__}
+    for event in group_reports_by_event(store.adverse_event_reports(pseudonym)):
+        latest = event.latest_report
+        known: dict[str, Any] = {
+            name: getattr(latest, name) for name in AdverseEventDetails.__struct_fields__
+        }
         known["trial"] = positions.get(latest.trial or 0)
-        report = Report(**known)
-        yield AdverseEventView(event.number, len(event.reports), latest.recorded_at, report)
+        report = AdverseEventDetails(**known)
+        yield AdverseEventView(event.event_number, len(event.reports), latest.recorded_at, report)
 
 
 def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt], left: set[int]) -> TrialView:
@@ -301,7 +303,7 @@ def _trial(design: Design, trial: Trial, attempts: list[TrialAttempt], left: set
         position=trial.position,
         task=task,
         robot=robot,
-        policy=design.shown_policy(trial.policy, trial.practice),
+        policy=design.displayed_policy(trial.policy, trial.practice),
         practice=trial.practice,
         state=trial.state,
         attempts=tuple(attempt.state for attempt in attempts),

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from avrgym.study.design.counterbalancing import Block, Order, balanced_orders
+from avrgym.study.design.counterbalancing import BlockOrder, TaskBlock, balanced_orders
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 from avrgym.tasks.constants import environment_id
@@ -24,13 +24,13 @@ class PlannedTrial:
     practice: bool
 
 
-def cell_orders(design: Design) -> tuple[Order, ...]:
+def trial_orders(design: Design) -> tuple[BlockOrder, ...]:
     """Returns all balanced trial orders of the design. A cell is the index of an order in this tuple."""
     return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
 @cache
-def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[Order, ...]:
+def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[BlockOrder, ...]:
     return balanced_orders(tasks, conditions, random_streams.condition_order_generator(seed))
 
 
@@ -53,7 +53,7 @@ def cell_fill_order(design: Design, site: str | None) -> list[int]:
 
     The order differs between sites: small sites then fill different cells.
     """
-    cells = len(cell_orders(design))
+    cells = len(trial_orders(design))
     if site is None:
         return list(range(cells))
     rng = random_streams.site_cell_generator(design.seed, site)
@@ -70,9 +70,9 @@ def plan_trials(
     rng = random_streams.trial_seed_generator(design.seed, participant, site)
     robots_of_tasks = practice_robots(design, participant)
     trials: list[PlannedTrial] = []
-    for block in cell_orders(design)[cell]:
-        for robot, policy, practice in _conditions(design, block, robots_of_tasks[block.task]):
-            environment = environment_id(design.tasks[block.task], robot)
+    for block in trial_orders(design)[cell]:
+        for robot, policy, practice in _conditions(design, block, robots_of_tasks[block.task_index]):
+            environment = environment_id(design.tasks[block.task_index], robot)
             seed = int(rng.integers(1 << 31))
             trials.append(PlannedTrial(len(trials) + 1, environment, policy, seed, practice))
     return tuple(trials)
@@ -91,6 +91,6 @@ def practice_robots(design: Design, participant: int) -> tuple[str, ...]:
     return tuple(design.robots[int(index)] for index in (rng.permutation(robots)[place] + shifts) % robots)
 
 
-def _conditions(design: Design, block: Block, practice_robot: str) -> list[tuple[str, str, bool]]:
+def _conditions(design: Design, block: TaskBlock, practice_robot: str) -> list[tuple[str, str, bool]]:
     practice = [(practice_robot, design.practice_policy, True)] if design.practice_policy else []
-    return practice + [(*design.robot_policy_pairs[index], False) for index in block.conditions]
+    return practice + [(*design.robot_policy_pairs[index], False) for index in block.condition_indices]

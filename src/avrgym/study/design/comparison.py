@@ -8,16 +8,16 @@ from typing import Any
 
 import msgspec
 
-from avrgym.study.design.design import SITE_FIELDS, Design
+from avrgym.study.design.design import SITE_SPECIFIC_FIELDS, Design
 from avrgym.study.design.languages import participant_sentences
-from avrgym.system.toml_lines import Place
+from avrgym.system.toml_lines import ValuePath
 from avrgym.system.type_guards import is_array, is_table
-from avrgym.texts.interface_texts import Texts, included_languages, normalize_whitespace, read_texts
+from avrgym.texts.interface_texts import InterfaceTexts, included_languages, normalize_whitespace, read_texts
 
-NOT_COMPARED = (*SITE_FIELDS, "reporting")
+FIELDS_NOT_COMPARED = (*SITE_SPECIFIC_FIELDS, "reporting")
 """Design fields that are not compared: fields that may differ between sites, and fields for publications."""
 
-Wordings = Mapping[str, Mapping[str, Mapping[str, str]]]
+DesignTexts = Mapping[str, Mapping[str, Mapping[str, str]]]
 """Texts for participants by language, group and key.
 
 Groups: translations of ``sentences``, and modified texts of ``session`` and ``page``.
@@ -25,9 +25,9 @@ Groups: translations of ``sentences``, and modified texts of ``session`` and ``p
 
 
 def design_to_dict(design: Design) -> dict[str, Any]:
-    """Returns the design as a dictionary for the database, without the fields ``NOT_COMPARED``."""
+    """Returns the design as a dictionary for the database, without the fields ``FIELDS_NOT_COMPARED``."""
     plain = msgspec.json.decode(msgspec.json.encode(design))
-    return {name: value for name, value in plain.items() if name not in NOT_COMPARED}
+    return {name: value for name, value in plain.items() if name not in FIELDS_NOT_COMPARED}
 
 
 def design_from_dict(values: Mapping[str, Any]) -> Design:
@@ -37,12 +37,14 @@ def design_from_dict(values: Mapping[str, Any]) -> Design:
     )
 
 
-def read_wordings(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
-    """Returns the texts for participants in each language of a design. Raises ``TextsError`` for an invalid file."""
+def read_design_texts(design: Design, folder: Path) -> dict[str, dict[str, dict[str, str]]]:
+    """Returns the texts for participants in each language of a design. Raises ``InvalidTextsError`` for an invalid
+    file.
+    """
     return {language: _wordings(design, read_texts(language, folder)) for language in design.languages}
 
 
-def _wordings(design: Design, texts: Texts) -> dict[str, dict[str, str]]:
+def _wordings(design: Design, texts: InterfaceTexts) -> dict[str, dict[str, str]]:
     brought = read_texts(texts.language) if texts.language in included_languages() else None
     read = {
         normalize_whitespace(each): texts.translate(each)
@@ -69,7 +71,7 @@ def comparable_values(design: Design) -> dict[str, Any]:
     value.
     """
     values = design_to_dict(design)
-    values["goals"] = {task: design.goal_of(task) for task in design.tasks}
+    values["goals"] = {task: design.instruction_of_task(task) for task in design.tasks}
     values["stop_rules"] = _stop_rules(values["stop_rules"])
     _name(values, "inclusion", "id")
     for questionnaire in values["questionnaires"]:
@@ -98,36 +100,38 @@ def _stop_rules(rules: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
     return named
 
 
-MAX_TEXT_LENGTH = 80
+MAX_VALUE_TEXT_LENGTH = 80
 """Maximum number of characters of a value in a message."""
-MISSING = object()
+MISSING_VALUE = object()
 """Represents a missing value."""
 
 
-def differences(a: Any, b: Any, place: Place = ()) -> Iterator[tuple[Place, Any, Any]]:
-    """Yields each difference between two values: its key path, and both values; a missing value is ``MISSING``."""
+def differences(a: Any, b: Any, place: ValuePath = ()) -> Iterator[tuple[ValuePath, Any, Any]]:
+    """Yields each difference between two values: its key path, and both values; a missing value is
+    ``MISSING_VALUE``.
+    """
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):
-            yield from differences(a.get(name, MISSING), b.get(name, MISSING), (*place, name))
+            yield from differences(a.get(name, MISSING_VALUE), b.get(name, MISSING_VALUE), (*place, name))
     elif _contains_tables(a) and _contains_tables(b):
-        for index, pair in enumerate(zip_longest(a, b, fillvalue=MISSING)):
+        for index, pair in enumerate(zip_longest(a, b, fillvalue=MISSING_VALUE)):
             yield from differences(*pair, (*place, index))
     elif a != b:
         yield place, a, b
 
 
-def key_path_text(place: Place) -> str:
+def key_path_text(place: ValuePath) -> str:
     """Returns a key path as text, such as ``items 1.text``; array elements are numbered from 1."""
     words = (f" {each + 1}" if isinstance(each, int) else f".{each}" for each in place)
     return "".join(words).removeprefix(".")
 
 
 def value_text(value: Any) -> str:
-    """Returns the value as text, truncated to ``MAX_TEXT_LENGTH``."""
-    if value is MISSING:
+    """Returns the value as text, truncated to ``MAX_VALUE_TEXT_LENGTH``."""
+    if value is MISSING_VALUE:
         return "missing"
     text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= MAX_TEXT_LENGTH else f"{text[: MAX_TEXT_LENGTH - 1]}…"
+    return text if len(text) <= MAX_VALUE_TEXT_LENGTH else f"{text[: MAX_VALUE_TEXT_LENGTH - 1]}…"
 
 
 def _contains_tables(value: Any) -> bool:

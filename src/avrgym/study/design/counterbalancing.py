@@ -14,17 +14,17 @@ from avrgym.array_types import IntArray
 
 
 @dataclass(frozen=True)
-class Block:
+class TaskBlock:
     """One task of a participant, with its conditions in order. ``task`` and ``conditions`` are indices from 0."""
 
-    task: int
-    conditions: tuple[int, ...]
+    task_index: int
+    condition_indices: tuple[int, ...]
 
 
 CANDIDATE_COUNT = 200
 """Number of random arrangements that are compared. The arrangement with most different rows within cells is used."""
 
-Order = tuple[Block, ...]
+BlockOrder = tuple[TaskBlock, ...]
 """The blocks of one participant in order."""
 
 
@@ -37,7 +37,7 @@ def williams_square(size: int) -> IntArray:
     return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
 
 
-def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[Order, ...]:
+def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[BlockOrder, ...]:
     """Returns the balanced orders of blocks. A cell of the design is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
@@ -51,7 +51,7 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     row_of = max(spreads, key=_variety)
     return tuple(
         tuple(
-            Block(int(task), tuple(condition_rows[row].tolist()))
+            TaskBlock(int(task), tuple(condition_rows[row].tolist()))
             for task, row in zip(tasks, rows, strict=True)
         )
         for tasks, rows in zip(task_of, row_of, strict=True)

@@ -1,12 +1,12 @@
 """Describe a design in sentences, for publications and registries."""
 
-from avrgym.study.design.allocation import cell_orders
+from avrgym.study.design.allocation import trial_orders
 from avrgym.study.design.design import Design
 
 
 def describe_procedure(design: Design) -> str:
     """Returns sentences about the procedure of a trial."""
-    goals = " ".join(design.goal_of(task) for task in design.tasks)
+    goals = " ".join(design.instruction_of_task(task) for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
         f"{goals} Each trial lasts {design.trial_steps / design.settings.control_hz:g} s.{_settings(design)}"
@@ -14,7 +14,7 @@ def describe_procedure(design: Design) -> str:
 
 
 def _settings(design: Design) -> str:
-    return f" Settings of the scenes: {design.settings}." if design.settings.changed else ""
+    return f" Settings of the scenes: {design.settings}." if design.settings.changed_values else ""
 
 
 def describe_blinding(design: Design) -> str:
@@ -41,5 +41,5 @@ def describe_randomization(design: Design) -> str:
     """Returns sentences about counterbalancing and allocation."""
     return (
         "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
-        f"{len(cell_orders(design))} orders. Each participant is allocated to the least filled order."
+        f"{len(trial_orders(design))} orders. Each participant is allocated to the least filled order."
     )

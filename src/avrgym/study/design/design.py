@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import msgspec
 
 from avrgym.commands.preferences import (
-    CommandRules,
+    ConditionRules,
+    GestureThresholds,
     Preferences,
-    Thresholds,
     apply_preferences,
 )
 from avrgym.models.furniture.real_furniture import RealFurniture
@@ -20,38 +20,38 @@ from avrgym.questionnaires.questionnaire import Item, Questionnaire, items_at_mo
 from avrgym.questionnaires.stop_rules import StopRule, StopRules
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.instruments import add_instrument_items
-from avrgym.study.design.languages import check_languages
+from avrgym.study.design.languages import check_translations
 from avrgym.study.design.questionnaires import check_questionnaires, check_stop_rules
 from avrgym.study.design.retention import Retention, check_retention
 from avrgym.study.design.validation import DesignError as DesignError
 from avrgym.study.design.validation import (
-    Tables,
+    StructByKeyPath,
     ValidationError,
     check_id,
-    check_known,
-    check_pattern,
-    check_unique,
+    check_known_name,
+    check_name_pattern,
+    check_unique_names,
     parse_toml,
     read_text,
 )
 from avrgym.system import random_streams
-from avrgym.system.toml_lines import Place
+from avrgym.system.toml_lines import ValuePath
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, task_and_scene, task_goal
-from avrgym.tasks.settings import DEFAULTS, PERSON_SETTINGS, Settings, as_settings
-from avrgym.vr.lab_streaming.choice import StreamChoice, stream_fault
-from avrgym.vr.session.headset_time import NO_RULES, SessionRules
+from avrgym.tasks.settings import DEFAULT_SETTINGS, PERSON_SETTINGS, Settings, settings_from_values
+from avrgym.vr.lab_streaming.choice import StreamSettings, stream_error
+from avrgym.vr.session.headset_time import NO_SESSION_RULES, SessionRules
 
 FILE = "study.toml"
-FIXED_FIELDS = (
+FIELDS_FIXED_AFTER_ALLOCATION = (
     "seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings", "conditions"
 )  # fmt: skip
 """Fields that must not change after the first participant was allocated to an order."""
-SITE_FIELDS = ("site", "database", "retention")
+SITE_SPECIFIC_FIELDS = ("site", "database", "retention")
 """Fields that may differ between the sites of a study."""
 
-Sentence = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
-Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
+InstructionText = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
+NonEmptyNames = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
@@ -76,13 +76,13 @@ class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     url: str = ""
 
 
-class Condition(CommandRules, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
+class Condition(ConditionRules, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """The rules of a condition, and settings of its scenes.
 
     ``settings`` replace those of the design. Without them, the settings of the design apply.
     """
 
-    settings: Settings = DEFAULTS
+    settings: Settings = DEFAULT_SETTINGS
 
 
 class Reporting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -123,15 +123,15 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     title: Annotated[str, msgspec.Meta(min_length=1)]
     participants: Annotated[int, msgspec.Meta(ge=1)]
     seed: Annotated[int, msgspec.Meta(ge=0)]
-    tasks: Names
-    robots: Names
-    policies: Names
+    tasks: NonEmptyNames
+    robots: NonEmptyNames
+    policies: NonEmptyNames
     practice_policy: str
     trial_steps: Annotated[int, msgspec.Meta(ge=1)]
     free_movement_s: Annotated[float, msgspec.Meta(ge=0, le=600)]
     blind_experimenter: bool
     site: str = ""
-    languages: Names = ("en",)
+    languages: NonEmptyNames = ("en",)
     max_held_share: Annotated[float, msgspec.Meta(ge=0, le=1)] = 1.0
     max_repeats: Annotated[int, msgspec.Meta(ge=0)] | None = None
     force_guard: bool = False
@@ -144,12 +144,12 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     inclusion: tuple[InclusionQuestion, ...] = ()
     questionnaires: tuple[Questionnaire, ...] = ()
     stop_rules: tuple[StopRule, ...] = ()
-    goals: Mapping[str, Sentence] = {}
+    goals: Mapping[str, InstructionText] = {}
     furniture: RealFurniture = RealFurniture()
-    settings: Settings = DEFAULTS
-    sessions: SessionRules = NO_RULES
+    settings: Settings = DEFAULT_SETTINGS
+    sessions: SessionRules = NO_SESSION_RULES
     conditions: Mapping[str, Condition] = {}
-    streams: StreamChoice = StreamChoice()
+    streams: StreamSettings = StreamSettings()
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
     database: DatabaseConfig = DatabaseConfig()
@@ -159,62 +159,64 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         """All pairs of robot and policy."""
         return tuple(product(self.robots, self.policies))
 
-    def policy_of(self, name: str) -> str:
+    def policy_of_condition(self, name: str) -> str:
         """Returns the policy of the condition ``name``. If ``name`` is a policy, returns ``name``."""
         return self.conditions[name].policy if name in self.conditions else name
 
-    def settings_of(self, name: str) -> Settings:
+    def settings_of_condition(self, name: str) -> Settings:
         """Returns the settings of a condition or policy."""
         if name not in self.conditions:
             return self.settings
-        return as_settings(self.settings.changed | self.conditions[name].settings.changed)
+        return settings_from_values(
+            self.settings.changed_values | self.conditions[name].settings.changed_values
+        )
 
-    def goal_of(self, task: str, name: str = "") -> str:
+    def instruction_of_task(self, task: str, name: str = "") -> str:
         """Returns the instruction to participants in a task; ``name`` is the condition or policy."""
-        return self.goals.get(task) or task_goal(task, self.settings_of(name))
+        return self.goals.get(task) or task_goal(task, self.settings_of_condition(name))
 
     @property
-    def items(self) -> dict[str, Item]:
+    def items_by_id(self) -> dict[str, Item]:
         """All items of all questionnaires, by id."""
         return {item.id: item for questionnaire in self.questionnaires for item in questionnaire.items}
 
     @property
-    def rules(self) -> StopRules:
+    def stop_rule_set(self) -> StopRules:
         """The stop rules. They pause or end a session after certain answers."""
         return StopRules(self.stop_rules, self.questionnaires)
 
-    def questionnaire_of(self, item: str) -> Questionnaire | None:
+    def questionnaire_of_item(self, item: str) -> Questionnaire | None:
         """Returns the questionnaire with this item; ``None`` if the design has no such item."""
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
-    def items_at(self, when: str, seed: int = 0) -> tuple[Item, ...]:
+    def items_at_moment(self, when: str, seed: int = 0) -> tuple[Item, ...]:
         """Returns the items that are asked at the moment ``when``, in order. ``seed``: the trial's seed, for random
         orders.
         """
         return items_at_moment(self.questionnaires, when, seed)
 
-    def protocol(self) -> dict[str, Any]:
+    def fixed_field_values(self) -> dict[str, Any]:
         """Returns the fields that determine orders and trials, as JSON values. Default settings are omitted."""
         plain = msgspec.json.decode(msgspec.json.encode(self))
-        return {name: plain[name] for name in FIXED_FIELDS if plain[name] != {}}
+        return {name: plain[name] for name in FIELDS_FIXED_AFTER_ALLOCATION if plain[name] != {}}
 
-    def policy_codes(self) -> dict[str, str]:
+    def blinded_policy_letters(self) -> dict[str, str]:
         """Returns a random letter for each policy. A blinded experimenter sees the letter instead of the name."""
         order = random_streams.policy_code_generator(self.seed, len(self.policies)).permutation(
             len(self.policies)
         )
         return {policy: chr(ord("A") + place) for policy, place in zip(self.policies, order, strict=True)}
 
-    def shown_policy(self, policy: str, practice: bool) -> str:
+    def displayed_policy(self, policy: str, practice: bool) -> str:
         """Returns the policy of a trial as the experimenter sees it: its name, or if blinded, a letter or
         ``practice``.
         """
         if not self.blind_experimenter:
             return policy
-        return "practice" if practice else self.policy_codes()[policy]
+        return "practice" if practice else self.blinded_policy_letters()[policy]
 
 
-def default_text() -> str:
+def default_design_text() -> str:
     """Returns the text of the default ``study.toml``: the paper's protocol, with comments."""
     return (files("avrgym") / "assets" / FILE).read_text(encoding="utf-8")
 
@@ -262,35 +264,35 @@ def _check(design: Design, folder: Path) -> None:
                 )
             _check_settings(environment_id(task, robot), design)
     for task in design.goals:
-        check_known(("goals", task), task, TASKS)
-    check_unique(("policies",), design.policies)
+        check_known_name(("goals", task), task, TASKS)
+    check_unique_names(("policies",), design.policies)
     for index, policy in enumerate(design.policies):
-        check_pattern(
+        check_name_pattern(
             ("policies", index),
             policy,
             _POLICY,
             "the name of a policy, MODULE:ATTRIBUTE, lerobot:FOLDER, or a folder in the study's folder",
         )
     if design.practice_policy:
-        check_pattern(
+        check_name_pattern(
             ("practice_policy",), design.practice_policy, _POLICY, "the name of a policy, or an empty text"
         )
     _check_conditions(design)
     check_questionnaires(design.questionnaires)
-    check_stop_rules(design.rules)
+    check_stop_rules(design.stop_rule_set)
     _check_streams(design.streams)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
     check_retention(design.retention)
-    check_languages(design, folder)
+    check_translations(design, folder)
 
 
 def _check_settings(environment: str, design: Design) -> None:
     """Raise ``ValidationError`` for settings that are not possible in an environment."""
     for name in ("", *design.conditions):
         place = ("conditions", name, "settings") if name else ("settings",)
-        settings = design.settings_of(name)
-        drawn = [each for each in PERSON_SETTINGS if each in settings.changed]
+        settings = design.settings_of_condition(name)
+        drawn = [each for each in PERSON_SETTINGS if each in settings.changed_values]
         if drawn:
             raise ValidationError(
                 (*place, drawn[0]), "participants have their own bodies; remove this setting of the body"
@@ -304,27 +306,27 @@ def _check_settings(environment: str, design: Design) -> None:
 def _check_conditions(design: Design) -> None:
     for name, rules in design.conditions.items():
         place = ("conditions", name)
-        if "control_hz" in rules.settings.changed:
+        if "control_hz" in rules.settings.changed_values:
             raise ValidationError(
                 (*place, "settings", "control_hz"),
                 "the trials of all conditions have the same rate; allowed: control_hz in [settings]",
             )
-        check_known(place, name, (*design.policies, design.practice_policy))
-        check_pattern((*place, "policy"), rules.policy, _POLICY, "the name of a policy")
+        check_known_name(place, name, (*design.policies, design.practice_policy))
+        check_name_pattern((*place, "policy"), rules.policy, _POLICY, "the name of a policy")
         if rules.policy in design.conditions:
             raise ValidationError((*place, "policy"), f"{rules.policy!r} is a condition; allowed: a policy")
         for field in ("commands", "sources"):
-            check_unique((*place, field), getattr(rules, field))
+            check_unique_names((*place, field), getattr(rules, field))
         try:
             apply_preferences(rules, None)
         except ValueError as error:
             raise ValidationError(place, str(error)) from error
 
 
-def _check_names(place: Place, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:
+def _check_names(place: ValuePath, names: tuple[str, ...], allowed: Mapping[str, Any]) -> None:
     for index, name in enumerate(names):
-        check_known((*place, index), name, allowed)
-    check_unique(place, names)
+        check_known_name((*place, index), name, allowed)
+    check_unique_names(place, names)
 
 
 def _check_inclusion(questions: Iterable[InclusionQuestion]) -> None:
@@ -334,9 +336,9 @@ def _check_inclusion(questions: Iterable[InclusionQuestion]) -> None:
         known.add(question.id)
 
 
-def _check_streams(streams: StreamChoice) -> None:
+def _check_streams(streams: StreamSettings) -> None:
     for name, query in streams.receive.items():
-        fault = stream_fault(name, query)
+        fault = stream_error(name, query)
         if fault:
             raise ValidationError(("streams", "receive", name), fault)
 
@@ -348,7 +350,7 @@ def _check_database(url: str) -> None:
         )
 
 
-_TABLES: Tables = {
+_TABLES: StructByKeyPath = {
     ("consent",): Consent,
     ("inclusion",): InclusionQuestion,
     ("questionnaires",): Questionnaire,
@@ -361,8 +363,8 @@ _TABLES: Tables = {
     ("conditions",): Condition,
     ("conditions", "settings"): Settings,
     ("conditions", "defaults"): Preferences,
-    ("conditions", "thresholds"): Thresholds,
-    ("streams",): StreamChoice,
+    ("conditions", "thresholds"): GestureThresholds,
+    ("streams",): StreamSettings,
     ("reporting",): Reporting,
     ("retention",): Retention,
 }

@@ -7,7 +7,7 @@ and answers are not validated.
 
 from collections.abc import Iterator, Mapping
 
-QUESTIONS: Mapping[str, str] = {
+FUNCTIONING_QUESTIONS: Mapping[str, str] = {
     "seeing": "Do you have difficulty seeing, even if wearing glasses?",
     "hearing": "Do you have difficulty hearing, even if using a hearing aid?",
     "walking": "Do you have difficulty walking or climbing steps?",
@@ -17,7 +17,7 @@ QUESTIONS: Mapping[str, str] = {
     "being understood?",
 }
 NONE, DECLINED = "none", "declined"
-LEVELS: Mapping[str, str] = {
+DIFFICULTY_LEVELS: Mapping[str, str] = {
     NONE: "no difficulty",
     "some": "some difficulty",
     "a lot": "a lot of difficulty",
@@ -25,7 +25,7 @@ LEVELS: Mapping[str, str] = {
     DECLINED: "I prefer not to answer",
 }
 DEVICES_QUESTION = "Which assistive devices do you use in daily life?"
-DEVICES: Mapping[str, str] = {
+ASSISTIVE_DEVICES: Mapping[str, str] = {
     "04": "for treatment or training of the body",
     "05": "for learning skills",
     "06": "braces, splints or artificial limbs",
@@ -45,10 +45,10 @@ DEVICES: Mapping[str, str] = {
 DIAGNOSIS_QUESTION = "Which diagnosis do you want to name? You need not answer."
 
 
-def sentences() -> Iterator[str]:
+def functioning_sentences() -> Iterator[str]:
     """Yields all sentences about functioning that participants read, before translation."""
-    yield from QUESTIONS.values()
-    yield from LEVELS.values()
-    yield from DEVICES.values()
+    yield from FUNCTIONING_QUESTIONS.values()
+    yield from DIFFICULTY_LEVELS.values()
+    yield from ASSISTIVE_DEVICES.values()
     yield DEVICES_QUESTION
     yield DIAGNOSIS_QUESTION

@@ -15,13 +15,13 @@ import msgspec
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, check_weights
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.questionnaires.registry import INSTRUMENTS
-from avrgym.study.design.validation import ValidationError, check_fields, check_known
+from avrgym.study.design.validation import ValidationError, check_keys, check_known_name
 from avrgym.system.files import read_user_text
-from avrgym.system.toml_lines import Place
+from avrgym.system.toml_lines import ValuePath
 from avrgym.system.type_guards import is_array, is_table
 
-FOLDER = "instruments"
-FIELDS = ("use", "name", "when", "order", "weights")
+INSTRUMENTS_FOLDER = "instruments"
+INSTRUMENT_KEYS = ("use", "name", "when", "order", "weights")
 """Allowed keys of a questionnaire with ``use``."""
 
 
@@ -53,14 +53,14 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
     if not is_table(table) or "use" not in table:
         return table
     place = "questionnaires", index
-    check_fields(place, table, FIELDS)
-    check_known((*place, "use"), str(table["use"]), INSTRUMENTS)
+    check_keys(place, table, INSTRUMENT_KEYS)
+    check_known_name((*place, "use"), str(table["use"]), INSTRUMENTS)
     instrument = INSTRUMENTS[str(table["use"])]
     items = [msgspec.to_builtins(item) for item in _items((*place, "use"), instrument, folder)]
     return {"name": instrument.name} | table | {"items": items}
 
 
-def check_instrument_weights(place: Place, questionnaire: Questionnaire) -> None:
+def check_instrument_weights(place: ValuePath, questionnaire: Questionnaire) -> None:
     """Raise ``ValidationError`` for invalid weights, and for weights of a questionnaire that cannot have weights."""
     if questionnaire.weights is msgspec.UNSET:
         return
@@ -77,24 +77,31 @@ def check_instrument_weights(place: Place, questionnaire: Questionnaire) -> None
         raise ValidationError((*place, "weights"), str(error)) from None
 
 
-def _items(place: Place, instrument: Instrument, folder: Path) -> list[Item]:
+def _items(place: ValuePath, instrument: Instrument, folder: Path) -> list[Item]:
     """Returns the items of a validated questionnaire. Missing texts are read from the study's folder."""
     brought = all(item.text for item in instrument.items)
     own: Mapping[str, ItemText] = {} if brought else _texts_of_study(place, instrument, folder)
-    points = instrument.response.points
+    points = instrument.response_scale.points
     return [
-        Item(item.id, words.text, points, words.low or item.low, words.high or item.high, item.labels)
+        Item(
+            item.id,
+            words.text,
+            points,
+            words.low or item.low_label,
+            words.high or item.high_label,
+            item.labels,
+        )
         for item in instrument.items
         for words in (own.get(item.id, ItemText(item.text)),)
     ]
 
 
-def _texts_of_study(place: Place, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
+def _texts_of_study(place: ValuePath, instrument: Instrument, folder: Path) -> Mapping[str, ItemText]:
     """Returns the texts of all items from the study's folder. Raises ``ValidationError`` for a missing or invalid
     file.
     """
-    name = f"{FOLDER}/{instrument.name}.toml"
-    wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts}"
+    name = f"{INSTRUMENTS_FOLDER}/{instrument.name}.toml"
+    wanted = f"the texts of {', '.join(item.id for item in instrument.items)}, from {instrument.texts_source}"
     try:
         text = read_user_text(folder / name)
         words = {key: _item_text(value) for key, value in tomllib.loads(text).items()}
@@ -118,11 +125,11 @@ def _item_text(value: Any) -> ItemText:
 
 
 def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
-    return bool(words and words.text and (words.low or item.low) and (words.high or item.high))
+    return bool(words and words.text and (words.low or item.low_label) and (words.high or item.high_label))
 
 
 def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
     """Returns the ids of missing items, and the format of their texts, for an error message."""
-    ends = all(item.low and item.high for item in instrument.items)
+    ends = all(item.low_label and item.high_label for item in instrument.items)
     how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
     return f"{', '.join(missing)}; allowed: each of them as ID = {how}"

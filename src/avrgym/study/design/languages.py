@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design import functioning
-from avrgym.study.design.instruments import FOLDER as INSTRUMENTS
-from avrgym.study.design.validation import ValidationError, check_unique
-from avrgym.texts.interface_texts import TEXTS_FOLDER, TextsError, read_texts
+from avrgym.study.design.instruments import INSTRUMENTS_FOLDER as INSTRUMENTS
+from avrgym.study.design.validation import ValidationError, check_unique_names
+from avrgym.texts.interface_texts import TEXTS_FOLDER, InvalidTextsError, read_texts
 
 if TYPE_CHECKING:
     from avrgym.study.design.design import Design
@@ -18,28 +18,32 @@ if TYPE_CHECKING:
 
 ENGLISH = "en"
 """Language of AVR Gym's own sentences: goals of tasks, and included questionnaires."""
-MAX_LISTED = 3
+MAX_LISTED_SENTENCES = 3
 """Maximum number of missing sentences in an error message."""
 
 
-def check_languages(design: Design, folder: Path) -> None:
+def check_translations(design: Design, folder: Path) -> None:
     """Raise ``ValidationError`` for the first language with missing texts.
 
     Sentences of the design are in its first language, and need translations into the other languages. Sentences of
     AVR Gym need translations into all languages except English.
     """
-    check_unique(("languages",), design.languages)
+    check_unique_names(("languages",), design.languages)
     for index, language in enumerate(design.languages):
         try:
             texts = read_texts(language, folder)
-        except TextsError as error:
+        except InvalidTextsError as error:
             raise ValidationError(("languages", index), str(error)) from None
         own = _design_sentences(design) if index > 0 else ()
         included = _included_sentences(design) if language != ENGLISH else ()
-        untranslated = texts.untranslated([*own, *included])
+        untranslated = texts.untranslated_sentences([*own, *included])
         if untranslated:
-            named = ", ".join(f'"{sentence}"' for sentence in untranslated[:MAX_LISTED])
-            more = f" and {len(untranslated) - MAX_LISTED} more" if len(untranslated) > MAX_LISTED else ""
+            named = ", ".join(f'"{sentence}"' for sentence in untranslated[:MAX_LISTED_SENTENCES])
+            more = (
+                f" and {len(untranslated) - MAX_LISTED_SENTENCES} more"
+                if len(untranslated) > MAX_LISTED_SENTENCES
+                else ""
+            )
             allowed = (
                 f"a line for each under [sentences] of {TEXTS_FOLDER}/{language}.toml in the study's folder"
             )
@@ -68,9 +72,9 @@ def _included_sentences(design: Design) -> Iterator[str]:
     """Yields the sentences of AVR Gym that the design uses."""
     for task in design.tasks:
         if not design.goals.get(task):
-            yield from {design.goal_of(task, name) for name in ("", *design.conditions)}
+            yield from {design.instruction_of_task(task, name) for name in ("", *design.conditions)}
     if design.ask_functioning:
-        yield from functioning.sentences()
+        yield from functioning.functioning_sentences()
     for questionnaire in design.questionnaires:
         if _has_included_text(questionnaire):
             yield from _words(questionnaire)

@@ -2,11 +2,17 @@
 
 from collections.abc import Sequence
 
-from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import ITEM_ORDERS, QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopRules
 from avrgym.study.design.instruments import check_instrument_weights
-from avrgym.study.design.validation import ValidationError, check_choice, check_id, check_known, check_unique
-from avrgym.system.toml_lines import Place
+from avrgym.study.design.validation import (
+    ValidationError,
+    check_allowed_value,
+    check_id,
+    check_known_name,
+    check_unique_names,
+)
+from avrgym.system.toml_lines import ValuePath
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
@@ -26,14 +32,14 @@ def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
             ids.add(item.id)
 
 
-def _check_moments(place: Place, questionnaire: Questionnaire) -> None:
+def _check_moments(place: ValuePath, questionnaire: Questionnaire) -> None:
     for moment in questionnaire.moments:
-        check_choice((*place, "when"), moment, MOMENTS)
-    check_unique((*place, "when"), questionnaire.moments)
-    check_choice((*place, "order"), questionnaire.order, ITEM_ORDERS)
+        check_allowed_value((*place, "when"), moment, QUESTION_MOMENTS)
+    check_unique_names((*place, "when"), questionnaire.moments)
+    check_allowed_value((*place, "order"), questionnaire.order, ITEM_ORDERS)
 
 
-def _check_item(place: Place, item: Item, known: set[str]) -> None:
+def _check_item(place: ValuePath, item: Item, known: set[str]) -> None:
     check_id(place if place[-1] == "use" else (*place, "id"), item.id, known)
     if item.labels and len(item.labels) != item.points:
         raise ValidationError(
@@ -47,8 +53,8 @@ def check_stop_rules(rules: StopRules) -> None:
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
-        check_known((*place, "item"), rule.item, items)
-        check_choice((*place, "then"), rule.then, STOP_ACTIONS)
+        check_known_name((*place, "item"), rule.item, items)
+        check_allowed_value((*place, "then"), rule.then, STOP_ACTIONS)
         least, most = rules.value_range(rule.item)
         if not least < rule.at_least <= most:
             raise ValidationError(

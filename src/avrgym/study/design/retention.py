@@ -9,8 +9,8 @@ import msgspec
 
 from avrgym.study.design.validation import ValidationError
 
-Months = Annotated[int, msgspec.Meta(ge=0, le=1200)]
-IDENTITIES, RECORDINGS, DATA = "identities", "recordings", "data"
+RetentionPeriod = Annotated[int, msgspec.Meta(ge=0, le=1200)]
+IDENTITIES, RECORDINGS, ALL_DATA = "identities", "recordings", "data"
 
 
 class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,35 +21,37 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     ended_on: str = ""
-    identities_months: Months | None = None
-    recordings_years: Months | None = None
-    data_years: Months | None = None
+    identities_months: RetentionPeriod | None = None
+    recordings_years: RetentionPeriod | None = None
+    data_years: RetentionPeriod | None = None
 
     @property
-    def months(self) -> Mapping[str, int]:
+    def months_by_kind(self) -> Mapping[str, int]:
         """The retention periods in months, by kind of data. Kinds without a period are omitted."""
-        years = {RECORDINGS: self.recordings_years, DATA: self.data_years}
+        years = {RECORDINGS: self.recordings_years, ALL_DATA: self.data_years}
         given = {IDENTITIES: self.identities_months} | {
             kind: None if period is None else 12 * period for kind, period in years.items()
         }
         return {kind: period for kind, period in given.items() if period is not None}
 
     @property
-    def end(self) -> date | None:
+    def last_day(self) -> date | None:
         """The last day of the study; ``None`` if unknown."""
         return date.fromisoformat(self.ended_on) if self.ended_on else None
 
     @property
-    def due_on(self) -> Mapping[str, date]:
+    def due_dates(self) -> Mapping[str, date]:
         """The first day after the retention period, by kind of data; empty if the end of the study is unknown."""
-        end = self.end
-        return {} if end is None else {kind: _later(end, months) for kind, months in self.months.items()}
+        end = self.last_day
+        return (
+            {} if end is None else {kind: _later(end, months) for kind, months in self.months_by_kind.items()}
+        )
 
 
 def check_retention(retention: Retention) -> None:
     """Raise ``ValidationError`` if ``ended_on`` is not a date."""
     try:
-        _ = retention.end
+        _ = retention.last_day
     except ValueError:
         raise ValidationError(
             ("retention", "ended_on"),

@@ -9,60 +9,60 @@ from typing import Any, TypeVar, cast
 import msgspec
 
 from avrgym.system.files import read_user_text
-from avrgym.system.toml_lines import Place, line_of
+from avrgym.system.toml_lines import ValuePath, line_number
 from avrgym.system.type_guards import is_table
 
-NAME = re.compile(r"[A-Za-z0-9_-]{1,40}")
+NAME_PATTERN = re.compile(r"[A-Za-z0-9_-]{1,40}")
 
 
 class ValidationError(Exception):
     """An invalid value. ``place``: its key path (keys and indices)."""
 
-    def __init__(self, place: Place, message: str) -> None:
+    def __init__(self, place: ValuePath, message: str) -> None:
         super().__init__(message)
         self.place = place
 
 
-def check_known(place: Place, name: str, allowed: Iterable[str]) -> None:
+def check_known_name(place: ValuePath, name: str, allowed: Iterable[str]) -> None:
     """Raise ``ValidationError`` if the name is not in ``allowed``."""
     if name not in (names := list(allowed)):
         raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
-def check_choice(place: Place, value: str, allowed: tuple[str, ...]) -> None:
+def check_allowed_value(place: ValuePath, value: str, allowed: tuple[str, ...]) -> None:
     """Raise ``ValidationError`` if the value is not in ``allowed``."""
     if value not in allowed:
         raise ValidationError(place, f"unknown value {value!r}; allowed: {', '.join(allowed)}")
 
 
-def check_unique(place: Place, names: tuple[str, ...]) -> None:
+def check_unique_names(place: ValuePath, names: tuple[str, ...]) -> None:
     """Raise ``ValidationError`` if a name occurs twice."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise ValidationError((*place, index), f"{name!r} is listed twice; allowed: once")
 
 
-def check_pattern(place: Place, name: str, pattern: re.Pattern[str], what: str) -> None:
+def check_name_pattern(place: ValuePath, name: str, pattern: re.Pattern[str], what: str) -> None:
     """Raise ``ValidationError`` if the name does not match the pattern; ``what`` describes valid names."""
     if not pattern.fullmatch(name):
         raise ValidationError(place, f"{name!r} is not a valid name; allowed: {what}")
 
 
-def check_id(place: Place, name: str, known: Container[str]) -> None:
+def check_id(place: ValuePath, name: str, known: Container[str]) -> None:
     """Raise ``ValidationError`` if the name is invalid or already in ``known``."""
-    check_pattern(place, name, NAME, "1 to 40 letters, digits, - and _")
+    check_name_pattern(place, name, NAME_PATTERN, "1 to 40 letters, digits, - and _")
     if name in known:
         raise ValidationError(place, f"{name!r} is used twice; allowed: a unique name")
 
 
-def check_fields(place: Place, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
+def check_keys(place: ValuePath, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
     """Raise ``ValidationError`` if the table has an unknown key."""
     for key in table:
-        check_known((*place, key), key, allowed)
+        check_known_name((*place, key), key, allowed)
 
 
-Kind = TypeVar("Kind", bound=msgspec.Struct)
-Tables = Mapping[tuple[str, ...], type[msgspec.Struct]]
+StructType = TypeVar("StructType", bound=msgspec.Struct)
+StructByKeyPath = Mapping[tuple[str, ...], type[msgspec.Struct]]
 """The struct of each table in a file, by the table's key path."""
 
 
@@ -83,11 +83,11 @@ def read_text(path: Path) -> str:
 def parse_toml(
     text: str,
     name: str,
-    kind: type[Kind],
-    tables: Tables,
-    check: Callable[[Kind], None],
+    kind: type[StructType],
+    tables: StructByKeyPath,
+    check: Callable[[StructType], None],
     complete: Callable[[dict[str, Any]], dict[str, Any]] = lambda values: values,
-) -> Kind:
+) -> StructType:
     """Parse and validate a TOML text. Returns the struct with its values.
 
     Args:
@@ -112,13 +112,13 @@ def parse_toml(
         check(found)
     except msgspec.ValidationError as error:
         place, message = _explain(error, {(): kind, **tables})
-        raise DesignError(f"{name}:{line_of(text, _with_keys(values, place))}: {message}") from None
+        raise DesignError(f"{name}:{line_number(text, _with_keys(values, place))}: {message}") from None
     except ValidationError as error:
-        raise DesignError(f"{name}:{line_of(text, error.place)}: {error}") from None
+        raise DesignError(f"{name}:{line_number(text, error.place)}: {error}") from None
     return found
 
 
-def _with_keys(values: Any, place: Place) -> Place:
+def _with_keys(values: Any, place: ValuePath) -> ValuePath:
     """Returns the key path with the keys of mappings, because msgspec omits them.
 
     If several mappings match, the first mapping that contains the next key is used.
@@ -136,10 +136,10 @@ def _with_keys(values: Any, place: Place) -> Place:
     return tuple(found)
 
 
-def _explain(error: msgspec.ValidationError, tables: Tables) -> tuple[Place, str]:
+def _explain(error: msgspec.ValidationError, tables: StructByKeyPath) -> tuple[ValuePath, str]:
     """Returns the path of the invalid value, and the error message without the path."""
     message, _, path = str(error).partition(" - at `$")
-    place: Place = tuple(
+    place: ValuePath = tuple(
         int(index) if index else key for key, index in re.findall(r"\.(\w+)|\[(\d+)\]", path)
     )
     unknown = re.search(r"unknown field `(.+)`", message)

@@ -12,7 +12,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_folder_atomically
 
-FORMATS: Mapping[str, str] = {
+EXPORT_FORMATS: Mapping[str, str] = {
     "csv": "tables",
     "bids": "bids",
     "hdf5": "robomimic",
@@ -24,12 +24,12 @@ FORMATS_WITH_RECORDS = ("csv", "bids")
 """Formats that contain events and experimenters' texts. Other formats contain only trials."""
 FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
 """Formats that can contain camera images."""
-LEFT_OUT_FILE = "left_out.csv"
+OMITTED_RECORDINGS_FILE = "left_out.csv"
 """File name of the table of omitted recordings."""
-WriteFormat = Callable[..., None]
+FormatWriter = Callable[..., None]
 """Function that writes attempts into a folder. Functions of ``FORMATS_WITH_RECORDS`` also accept ``extras``."""
 
-NOTICE = (
+PRIVACY_NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
     "person. Data of simulated participants are marked as simulated."
 )
@@ -52,7 +52,7 @@ def export_study(
 
     Args:
         store: the study.
-        data_format: one of ``FORMATS``.
+        data_format: one of ``EXPORT_FORMATS``.
         out: the folder.
         extras: whether to export free text and health data.
         cameras: camera images to render for each control step, such as ``wrist:128x96:rgb+depth``.
@@ -65,8 +65,8 @@ def export_study(
             a folder that is not empty, a damaged or missing recording, or a missing package of ``avrgym[export]``.
         RuntimeError: if rendering fails.
     """
-    if data_format not in FORMATS:
-        raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(FORMATS)}")
+    if data_format not in EXPORT_FORMATS:
+        raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(EXPORT_FORMATS)}")
     if extras != DEFAULT_EXPORT_OPTIONS and data_format not in FORMATS_WITH_RECORDS:
         raise StudyError(
             f"{data_format} cannot contain free text and health data; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
@@ -96,7 +96,7 @@ def _refusal(left_out: Sequence[OmittedAttempt]) -> str:
 
 def _write(
     store: Store,
-    write: WriteFormat,
+    write: FormatWriter,
     sound: Sequence[ExportedAttempt],
     left_out: Sequence[OmittedAttempt],
     folder: Path,
@@ -108,7 +108,7 @@ def _write(
     _add_losses(store, folder)
     if left_out:
         write_csv(
-            folder / LEFT_OUT_FILE,
+            folder / OMITTED_RECORDINGS_FILE,
             [OmittedAttemptRow(**vars(each.attempt.identifiers()), reason=each.reason) for each in left_out],
         )
 
@@ -121,8 +121,8 @@ def _add_losses(store: Store, folder: Path) -> None:
             file.write("".join(f"\n{each}\n" for each in words))
 
 
-def _writer(data_format: str) -> WriteFormat:
+def _writer(data_format: str) -> FormatWriter:
     try:
-        return import_module(f"{__name__}.{FORMATS[data_format]}").write
+        return import_module(f"{__name__}.{EXPORT_FORMATS[data_format]}").write
     except ModuleNotFoundError as error:
         raise StudyError(f"{data_format} needs {error.name}; run `pip install avrgym[export]`") from error

@@ -14,9 +14,9 @@ from typing import Any
 
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.schema import Event, Pose, TrackingFrame
-from avrgym.study.export import LEFT_OUT_FILE, NOTICE
-from avrgym.study.export.codebook import TABLES
-from avrgym.study.export.physio import StreamSeries, corrected_text_streams, recorded_series, text_events
+from avrgym.study.export import OMITTED_RECORDINGS_FILE, PRIVACY_NOTICE
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
+from avrgym.study.export.physio import StreamSeries, recorded_series, text_events, text_stream_corrections
 from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, record_tables, write_table
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
@@ -29,14 +29,14 @@ TRACKED_POINTS = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """BIDS names of the tracked points, by field of ``TrackingFrame``."""
 RECORDS_FOLDER = "sourcedata"
 """Folder for events, adverse events and notes. BIDS does not define its contents."""
-AXES = ("x", "y", "z")
-QUATERNION = ("quat_x", "quat_y", "quat_z", "quat_w")
+POSITION_AXES = ("x", "y", "z")
+QUATERNION_COMPONENTS = ("quat_x", "quat_y", "quat_z", "quat_w")
 REFERENCE_FRAME = "local_floor"
 """Name of the reference frame of all poses."""
 TRACKING_SYSTEM = "headset"
 """Name of the tracking system in file names."""
 CONDITION_COLUMNS = {
-    name: TABLES["attempts"][name].meaning
+    name: COLUMNS_BY_TABLE["attempts"][name].meaning
     for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")
 }
 """Columns of the scans file that describe a trial, with their descriptions."""
@@ -50,8 +50,8 @@ def write(
 ) -> None:
     """Write completed attempts as a BIDS dataset into a folder."""
     write_json(folder / "dataset_description.json", _description(store))
-    (folder / "README").write_text(f"{store.design.title}\n\n{NOTICE}\n", encoding="utf-8")
-    (folder / ".bidsignore").write_text(f"{LEFT_OUT_FILE}\n", encoding="utf-8")
+    (folder / "README").write_text(f"{store.design.title}\n\n{PRIVACY_NOTICE}\n", encoding="utf-8")
+    (folder / ".bidsignore").write_text(f"{OMITTED_RECORDINGS_FILE}\n", encoding="utf-8")
     _write_participants(store, completed, folder)
     for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)
@@ -67,7 +67,7 @@ def _description(store: Store) -> dict[str, Any]:
         "BIDSVersion": BIDS_VERSION,
         "DatasetType": "raw",
         "GeneratedBy": [{"Name": "AVR Gym"}],
-        "Acknowledgements": NOTICE,
+        "Acknowledgements": PRIVACY_NOTICE,
     }
 
 
@@ -89,9 +89,9 @@ def _write_participants(store: Store, attempts: Sequence[ExportedAttempt], folde
     write_json(
         folder / "participants.json",
         {
-            "age": {"Description": TABLES["participants"]["age_years"].meaning, "Units": "year"},
+            "age": {"Description": COLUMNS_BY_TABLE["participants"]["age_years"].meaning, "Units": "year"},
             **{
-                name: {"Description": TABLES["participants"][name].meaning}
+                name: {"Description": COLUMNS_BY_TABLE["participants"][name].meaning}
                 for name in ("sex", "language", "site", "simulated")
             },
         },
@@ -138,7 +138,7 @@ def _run_name(exported: ExportedAttempt) -> str:
 
 def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     name = _run_name(exported)
-    topics = exported.read_whole().topics
+    topics = exported.read_complete_recording().messages_by_topic
     frames = [frame for _, frame in topics["/tracking"]]
     channels = list(_channels())
     write_tsv(folder / f"{name}_motion.tsv", [_row(frame, frames[0]) for frame in frames])
@@ -147,7 +147,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     write_json(folder / f"{name}_motion.json", _sidecar(exported, frames, len(channels)))
     start_s = frames[0].received_time_s if frames else 0.0
     events = [*topics["/events"], *text_events(topics)]
-    _write_events(events, start_s, folder / f"{name}_events", corrected_text_streams(topics, start_s))
+    _write_events(events, start_s, folder / f"{name}_events", text_stream_corrections(topics, start_s))
     for series in recorded_series(topics, start_s):
         _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
 
@@ -183,9 +183,9 @@ def _write_events(
 def _channels() -> Iterator[dict[str, Any]]:
     yield _channel("latency", "n/a", "LATENCY", "n/a", "s", "n/a")
     for point in TRACKED_POINTS.values():
-        for axis in AXES:
+        for axis in POSITION_AXES:
             yield _channel(f"{point}_{axis}", axis, "POS", point, "m", REFERENCE_FRAME)
-        for component in QUATERNION:
+        for component in QUATERNION_COMPONENTS:
             yield _channel(f"{point}_{component}", component, "ORNT", point, "n/a", REFERENCE_FRAME)
         yield _channel(f"{point}_followed", "n/a", "MISC", point, "n/a", "n/a")
 
@@ -225,8 +225,8 @@ def _sidecar(exported: ExportedAttempt, frames: Sequence[TrackingFrame], channel
         "TrackingSystemName": TRACKING_SYSTEM,
         "TrackedPointsCount": points,
         "MotionChannelCount": channels,
-        "POSChannelCount": points * len(AXES),
-        "ORNTChannelCount": points * len(QUATERNION),
+        "POSChannelCount": points * len(POSITION_AXES),
+        "ORNTChannelCount": points * len(QUATERNION_COMPONENTS),
         "LATENCYChannelCount": 1,
         "MISCChannelCount": points,
         "MissingValues": "n/a",
@@ -238,7 +238,11 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
     row: list[float | None] = [frame.received_time_s - first.received_time_s]
     for field in TRACKED_POINTS:
         pose: Pose | None = getattr(frame, field)
-        row += [*pose.position, *pose.orientation] if pose else [None] * (len(AXES) + len(QUATERNION))
+        row += (
+            [*pose.position, *pose.orientation]
+            if pose
+            else [None] * (len(POSITION_AXES) + len(QUATERNION_COMPONENTS))
+        )
         row.append(float(_is_followed(frame, field)))
     return row
 
@@ -267,7 +271,7 @@ def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Pa
 
 def _describe(questionnaire: Questionnaire, item: Item) -> dict[str, Any]:
     scale = questionnaire.scale_of(item)
-    between = [f"{value}, from {scale.lowest} to {scale.highest}" for value in scale.values[1:-1]]
+    between = [f"{value}, from {scale.lowest_value} to {scale.highest_value}" for value in scale.values[1:-1]]
     words = item.labels or (item.low, *between, item.high)
     return {
         "Description": item.text,
@@ -302,7 +306,7 @@ def _rows_of_answers(
         answers = store.answers(participant.pseudonym)
         moments = answer_moments(store.design, answers, store.events())
         for answer in answers:
-            item = answered_items.item(answer).id
+            item = answered_items.item_of(answer).id
             if item not in scales or (answer.attempt is not None and answer.attempt not in about):
                 continue
             session = f"{sessions[answer.session]}_{moments[answer.id]}"

@@ -10,7 +10,7 @@ from avrgym.study.export import rows
 from avrgym.system.columns import NUMBER, Column, columns_of
 from avrgym.tasks.registry import TASKS
 
-ROWS: Mapping[str, type] = {
+ROW_TYPES: Mapping[str, type] = {
     "participants": rows.ParticipantRow,
     "consents": rows.ConsentRow,
     "trials": rows.TrialRow,
@@ -29,7 +29,9 @@ ROWS: Mapping[str, type] = {
     "left_out": rows.OmittedAttemptRow,
 }
 """The row type of each table, by table name."""
-TABLES: Mapping[str, Mapping[str, Column]] = {name: columns_of(row) for name, row in ROWS.items()}
+COLUMNS_BY_TABLE: Mapping[str, Mapping[str, Column]] = {
+    name: columns_of(row) for name, row in ROW_TYPES.items()
+}
 """The columns of each table, by table and column name, without columns that depend on the design."""
 INSTRUMENT_TABLES = ("scores", "scales")
 """Tables that exist only if the study uses validated questionnaires."""
@@ -42,7 +44,7 @@ def reward_terms(design: Design) -> list[str]:
     return sorted({term for task in design.tasks for term in TASKS[task].weights})
 
 
-def action_size(design: Design) -> int:
+def max_action_size(design: Design) -> int:
     """Returns the largest number of action components of the design's robots.
 
     The table ``control_steps`` has a column for each component.
@@ -54,7 +56,7 @@ def action_size(design: Design) -> int:
 def table_columns(table: str, design: Design) -> Mapping[str, Column]:
     """Returns all columns of a table for a design, by name, in order."""
     if table != "control_steps":
-        return TABLES[table]
+        return COLUMNS_BY_TABLE[table]
     terms = {
         f"term_{term}": Column(
             f"Reward term {term}, not weighted.",
@@ -68,12 +70,12 @@ def table_columns(table: str, design: Design) -> Mapping[str, Column]:
         f"action_{joint + 1}": Column(
             f"Action of arm joint {joint + 1}: joint speed divided by its limit.", NUMBER, "1", "−1 to 1"
         )
-        for joint in range(action_size(design))
+        for joint in range(max_action_size(design))
     }
-    return {**TABLES[table], **terms, **actions}
+    return {**COLUMNS_BY_TABLE[table], **terms, **actions}
 
 
-def codebook(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
+def codebook_rows(tables: Sequence[str], design: Design) -> Iterator[dict[str, Any]]:
     """Yields one row of the codebook for each column of the tables. ``tables``: table names."""
     for table in tables:
         for name, column in table_columns(table, design).items():

@@ -2,11 +2,16 @@
 
 from collections.abc import Iterator, Sequence
 
-from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, QUESTIONS
+from avrgym.study.design.functioning import (
+    ASSISTIVE_DEVICES,
+    DECLINED,
+    DIFFICULTY_LEVELS,
+    FUNCTIONING_QUESTIONS,
+)
 from avrgym.study.export.rows import FunctioningCountRow, FunctioningRow
-from avrgym.study.people.functioning import Functioning
+from avrgym.study.people.functioning import FunctioningAnswers
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import PARTICIPATING
+from avrgym.study.storage.states import PARTICIPATING_STATES
 from avrgym.study.storage.store import Store
 
 MIN_GROUP_SIZE = 5
@@ -20,18 +25,22 @@ NOT_ASKED = "not asked"
 def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
     """Yields the number of analysed participants for each question about functioning and each answer."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
-    for question in QUESTIONS:
+    for question in FUNCTIONING_QUESTIONS:
         levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
-        kinds = [*LEVELS, NOT_ASKED]
-        for level, number in zip(kinds, suppress([levels.count(each) for each in kinds]), strict=True):
+        kinds = [*DIFFICULTY_LEVELS, NOT_ASKED]
+        for level, number in zip(
+            kinds, suppress_small_counts([levels.count(each) for each in kinds]), strict=True
+        ):
             yield FunctioningCountRow(question, level, _shown(number))
-    for device in DEVICES:
+    for device in ASSISTIVE_DEVICES:
         number = sum(answers is not None and device in answers.devices for answers in given)
-        answer = device if device == DECLINED else f"{device}: {DEVICES[device]}"
-        yield FunctioningCountRow("devices", answer, _shown(suppress([number, len(given) - number])[0]))
+        answer = device if device == DECLINED else f"{device}: {ASSISTIVE_DEVICES[device]}"
+        yield FunctioningCountRow(
+            "devices", answer, _shown(suppress_small_counts([number, len(given) - number])[0])
+        )
 
 
-def suppress(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
+def suppress_small_counts(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
     """Returns the counts with ``None`` for suppressed counts.
 
     Suppressed are counts below ``min_group_size``, and counts from which these could be computed.
@@ -53,21 +62,21 @@ def functioning_rows(store: Store, *, free_text: bool) -> Iterator[FunctioningRo
             yield FunctioningRow(
                 participant=person.pseudonym,
                 site=person.site,
-                **{question: answers.levels[question] for question in QUESTIONS},
+                **{question: answers.levels[question] for question in FUNCTIONING_QUESTIONS},
                 devices=", ".join(answers.devices) or None,
                 diagnosis=(answers.diagnosis or None) if free_text else None,
             )
 
 
-def _answers(person: Participant) -> Functioning | None:
-    return None if person.functioning is None else Functioning(**person.functioning)
+def _answers(person: Participant) -> FunctioningAnswers | None:
+    return None if person.functioning is None else FunctioningAnswers(**person.functioning)
 
 
 def _is_analysed(store: Store, person: Participant) -> bool:
     """Returns whether a real participant takes part and has a completed trial that is not a practice trial."""
     return (
         not person.simulated
-        and person.state in PARTICIPATING
+        and person.state in PARTICIPATING_STATES
         and any(each.state == "completed" and not each.practice for each in store.trials(person.pseudonym))
     )
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from avrgym.learning.lerobot_dataset import DatasetEpisode, DatasetWriter
 from avrgym.robots.registry import find_robot
-from avrgym.study.export import NOTICE
+from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 from avrgym.tasks.constants import environment_id
@@ -18,7 +18,7 @@ def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
     """Write completed attempts as LeRobot datasets into a folder. ``cameras``: see ``export_study``."""
-    (folder / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
+    (folder / "README.md").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
     for name, attempts in group_by_scene(completed).items():
         trial, task = attempts[0].trial, TASKS[attempts[0].trial.task]
         scene = task.scene(find_robot(trial.robot))
@@ -30,20 +30,22 @@ def write(
         ) as writer:
             for exported in attempts:
                 writer.add(_episode(exported, cameras))
-        (folder / name / "README.md").write_text(NOTICE + "\n", encoding="utf-8")
+        (folder / name / "README.md").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
 
 
 def _episode(exported: ExportedAttempt, cameras: Sequence[str]) -> DatasetEpisode:
     steps = [control for _, control in exported.control_steps()]
     trial = exported.trial
     return DatasetEpisode(
-        instruction(environment_id(trial.task, trial.robot), exported.store.design.settings_of(trial.policy)),
+        instruction(
+            environment_id(trial.task, trial.robot), exported.store.design.settings_of_condition(trial.policy)
+        ),
         observations=np.array([control.observation for control in steps]),
         actions=np.array([control.action for control in steps]),
         rewards=np.array([control.reward for control in steps]),
         successes=np.array([control.success for control in steps]),
         forces_on_person_n=np.array([control.force_on_person_n for control in steps]),
-        images=exported.images(cameras),
+        images=exported.render_images(cameras),
         labels={
             f"study/{name}": "" if value is None else value
             for name, value in vars(exported.identifiers()).items()

@@ -14,7 +14,7 @@ import gymnasium
 import h5py
 import numpy as np
 
-from avrgym.study.export import NOTICE
+from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 
@@ -24,7 +24,7 @@ MINARI_VERSION = "0.5.0"
 
 def write(store: Store, completed: Sequence[ExportedAttempt], folder: Path) -> None:
     """Write completed attempts as Minari datasets into a folder."""
-    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
         data = folder / "avrgym" / scene / "study-v0" / "data"
         data.mkdir(parents=True)
@@ -69,7 +69,7 @@ def _metadata(
         "action_space": _box(acted, 1.0, "float32"),
         "env_spec": gymnasium.spec(attempts[0].trial.environment).to_json(),
         "algorithm_name": ", ".join(policies),
-        "description": f"{store.design.title}. {NOTICE}",
+        "description": f"{store.design.title}. {PRIVACY_NOTICE}",
         "minari_version": MINARI_VERSION,
     }
 

@@ -10,7 +10,7 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import msgspec
 
-from avrgym.study.export.codebook import TABLES, codebook
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE, codebook_rows
 from avrgym.study.export.records import (
     DEFAULT_EXPORT_OPTIONS,
     ExportOptions,
@@ -35,7 +35,7 @@ INDEX_FILE = "README.md"
 """File that lists the contents of the archive."""
 EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
 """Names of events whose detail can contain pseudonyms of other participants."""
-FILE_CONTENTS: Mapping[str, str] = {
+FILE_DESCRIPTIONS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
     "participants.csv": "The participant's record: body model, age, language, state, consent.",
     "inclusion.json": "The answers to the inclusion questions.",
@@ -59,7 +59,7 @@ FILE_CONTENTS: Mapping[str, str] = {
 """Description of each file in the archive, by file name, in the order of the index."""
 
 
-def write_participant_data(store: Store, pseudonym: str, path: Path) -> int:
+def write_participant_archive(store: Store, pseudonym: str, path: Path) -> int:
     """Write all data of one participant to a new ZIP archive. Returns the number of files.
 
     Only the user of this process can read the archive.
@@ -85,10 +85,10 @@ def _write(store: Store, person: Participant, folder: Path) -> None:
     """Write all files except the recordings and the index."""
     tables = _tables(store, person)
     for name, rows in tables.items():
-        write_csv(folder / f"{name}.csv", rows, TABLES[name])
-    write_csv(folder / "codebook.csv", codebook(list(tables), store.design))
+        write_csv(folder / f"{name}.csv", rows, COLUMNS_BY_TABLE[name])
+    write_csv(folder / "codebook.csv", codebook_rows(list(tables), store.design))
     write_consent_texts(store, folder)
-    named = person.pseudonym in identity_file.named_pseudonyms(store.folder)
+    named = person.pseudonym in identity_file.pseudonyms_with_identity(store.folder)
     identity = identity_file.read_identities(store.folder)[person.pseudonym] if named else None
     contents: dict[str, Any] = {
         "identity": identity and msgspec.to_builtins(identity),
@@ -152,7 +152,7 @@ def _files(folder: Path) -> list[Path]:
 def _index(store: Store, person: Participant, names: list[str]) -> str:
     present = [
         (what, words)
-        for what, words in FILE_CONTENTS.items()
+        for what, words in FILE_DESCRIPTIONS.items()
         if any(name == what or (what.endswith("/") and name.startswith(what)) for name in names)
     ]
     simulated = (

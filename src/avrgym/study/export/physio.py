@@ -10,13 +10,20 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.recording.schema import Event, Stream
-from avrgym.recording.streams import Chunks, SampleTimes, Topics, sample_times, stream_chunks, streams_by_name
+from avrgym.recording.streams import (
+    MessagesByTopic,
+    SampleChunks,
+    SampleTimes,
+    correct_sample_times,
+    stream_chunks,
+    streams_by_name,
+)
 
-GAZE = "gaze"
+GAZE_STREAM_TYPE = "gaze"
 """Stream type of eye trackers in Lab Streaming Layer."""
-AXES = ("x", "y")
+GAZE_AXES = ("x", "y")
 """Last words of the channel labels of gaze coordinates."""
-COORDINATES = ("x_coordinate", "y_coordinate")
+GAZE_COORDINATES = ("x_coordinate", "y_coordinate")
 """BIDS names of the gaze coordinates."""
 EYE_TRACKING_FIELDS = {
     "PhysioType": "eyetrack",
@@ -24,7 +31,7 @@ EYE_TRACKING_FIELDS = {
     "SampleCoordinateSystem": "custom",
     "SampleCoordinateSystemDescription": "As the device reports them; see the names of its channels.",
 }
-TIMESTAMP = {
+TIMESTAMP_FIELDS = {
     "Description": "Time of the sample, from the first tracking frame on; clocks are synchronised.",
     "Units": "s",
 }
@@ -44,9 +51,9 @@ class StreamSeries:
     """
 
     stream: Stream
-    columns: Sequence[str]
-    labels: Sequence[str]
-    units: Sequence[str]
+    column_names: Sequence[str]
+    channel_labels: Sequence[str]
+    channel_units: Sequence[str]
     time_s: FloatArray
     values: FloatArray
     time_corrections: Mapping[str, Any]
@@ -60,66 +67,71 @@ class StreamSeries:
         """Returns the contents of the BIDS sidecar: the JSON file that describes the samples."""
         stream, lasted_s = self.stream, float(np.ptp(self.time_s))
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
-        is_gaze = tuple(self.columns[:2]) == COORDINATES
+        is_gaze = tuple(self.column_names[:2]) == GAZE_COORDINATES
         about = {
             column: {"Description": f"{label} of {stream.source}", "Units": unit}
-            for column, label, unit in zip(self.columns, self.labels, self.units, strict=True)
+            for column, label, unit in zip(
+                self.column_names, self.channel_labels, self.channel_units, strict=True
+            )
         }
         return {
             "SamplingFrequency": stream.rate_hz or came_hz,
             "StartTime": float(self.time_s[0]),
-            "Columns": ["timestamp", *self.columns],
+            "Columns": ["timestamp", *self.column_names],
             **(EYE_TRACKING_FIELDS if is_gaze else {"PhysioType": "generic"}),
             "ManufacturersModelName": stream.source,
             "Description": f"{stream.kind} by Lab Streaming Layer.",
-            "timestamp": {**TIMESTAMP, **self.time_corrections},
+            "timestamp": {**TIMESTAMP_FIELDS, **self.time_corrections},
             **about,
         }
 
 
-def recorded_series(topics: Topics, start_s: float) -> Iterator[StreamSeries]:
+def recorded_series(topics: MessagesByTopic, start_s: float) -> Iterator[StreamSeries]:
     """Yields the samples of each numeric stream of a recording. ``start_s``: time of the first tracking frame."""
     for name, stream in streams_by_name(topics).items():
         chunks = [each for each in stream_chunks(topics, name) if each[1].values]
         if chunks:
             values = np.concatenate([np.array(chunk.values, float) for _, chunk in chunks])
-            yield _series(stream, sample_times(chunks, stream.rate_hz), start_s, values)
+            yield _series(stream, correct_sample_times(chunks, stream.rate_hz), start_s, values)
 
 
-def text_events(topics: Topics) -> list[tuple[int, Event]]:
+def text_events(topics: MessagesByTopic) -> list[tuple[int, Event]]:
     """Returns the samples of text streams as events, with their times (ns). The event's name is the stream's name."""
     return [
         (round(time_s * 1e9), Event(name, ", ".join(texts)))
         for name, chunks in _text_chunks(topics)
         for time_s, texts in zip(
-            sample_times(chunks, 0.0).time_s, (row for _, chunk in chunks for row in chunk.texts), strict=True
+            correct_sample_times(chunks, 0.0).time_s,
+            (row for _, chunk in chunks for row in chunk.texts),
+            strict=True,
         )
     ]
 
 
-def corrected_text_streams(topics: Topics, start_s: float) -> dict[str, Any]:
+def text_stream_corrections(topics: MessagesByTopic, start_s: float) -> dict[str, Any]:
     """Returns the time corrections of text streams, by stream name. Streams without corrections are omitted."""
     found = {
-        name: time_corrections(sample_times(chunks, 0.0), start_s) for name, chunks in _text_chunks(topics)
+        name: time_corrections(correct_sample_times(chunks, 0.0), start_s)
+        for name, chunks in _text_chunks(topics)
     }
     return {name: each for name, each in found.items() if each}
 
 
-def _text_chunks(topics: Topics) -> Iterator[tuple[str, Chunks]]:
+def _text_chunks(topics: MessagesByTopic) -> Iterator[tuple[str, SampleChunks]]:
     for name in dict.fromkeys(chunk.stream for _, chunk in topics["/samples"] if chunk.texts):
         yield name, [each for each in stream_chunks(topics, name) if each[1].texts]
 
 
 def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     """Returns the description of a stream's time corrections for the sidecar; empty without corrections."""
-    if not times.resets and not times.raised:
+    if not times.resets and not times.num_raised:
         return {}
     return {
         "Correction": CORRECTION_NOTE,
         "ClockResets": [
             {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.resets
         ],
-        "SamplesRaised": times.raised,
+        "SamplesRaised": times.num_raised,
     }
 
 
@@ -129,14 +141,14 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
     column_order: list[int] = list(channels)
-    if stream.kind.lower() == GAZE:
-        first = [next((i for i in column_order if _ends_with(labels[i], axis)), None) for axis in AXES]
+    if stream.kind.lower() == GAZE_STREAM_TYPE:
+        first = [next((i for i in column_order if _ends_with(labels[i], axis)), None) for axis in GAZE_AXES]
         if None not in first:
             column_order = [
                 *(i for i in first if i is not None),
                 *(i for i in column_order if i not in first),
             ]
-            names = {**names, **dict(zip(column_order, COORDINATES, strict=False))}
+            names = {**names, **dict(zip(column_order, GAZE_COORDINATES, strict=False))}
     return StreamSeries(
         stream,
         [names[i] for i in column_order],
@@ -156,7 +168,7 @@ def _column_names(labels: Sequence[str]) -> dict[int, str]:
     names: dict[int, str] = {}
     for number, label in enumerate(labels):
         name = re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_").lower() or f"channel_{number + 1}"
-        taken = name in names.values() or name in ("timestamp", *COORDINATES)
+        taken = name in names.values() or name in ("timestamp", *GAZE_COORDINATES)
         names[number] = f"{name}_{number + 1}" if taken else name
     return names
 

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from avrgym.study.export.codebook import TABLES
+from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.functioning import functioning_counts, functioning_rows
 from avrgym.study.export.rows import AdverseEventRow, EventRow, LogRow, NoteRow
 from avrgym.study.export.table_files import row_values, write_json, write_tsv
-from avrgym.study.people.adverse_events import group_by_event
+from avrgym.study.people.adverse_events import group_reports_by_event
 from avrgym.study.storage.audit_log import ADD_EXPERIMENTER, REVOKE_EXPERIMENTER, site_names
 from avrgym.study.storage.rows import Participant, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.sites import ROWS_PER_SITE
@@ -22,7 +22,7 @@ from avrgym.system.files import write_folder_atomically
 
 FREE_TEXT_EVENTS = ("participant withdrawn",)
 """Names of events whose detail is free text of an experimenter."""
-Rows = Sequence[object]
+TableRows = Sequence[object]
 """Rows of one table."""
 
 
@@ -42,10 +42,10 @@ DEFAULT_EXPORT_OPTIONS = ExportOptions()
 """Export neither free text nor health data."""
 
 
-def record_tables(store: Store, extras: ExportOptions) -> dict[str, Rows]:
+def record_tables(store: Store, extras: ExportOptions) -> dict[str, TableRows]:
     """Returns the rows of events, adverse events, functioning and notes, by table name. ``extras``: export options."""
     people = store.participants()
-    tables: dict[str, Rows] = {
+    tables: dict[str, TableRows] = {
         "events": list(event_rows(store, people, extras)),
         "adverse_events": list(adverse_event_rows(store, people, extras)),
     }
@@ -86,14 +86,14 @@ def adverse_event_rows(
     """Yields all reports of the adverse events of these participants."""
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}
-        for event in group_by_event(store.adverse_events(person.pseudonym)):
+        for event in group_reports_by_event(store.adverse_event_reports(person.pseudonym)):
             for number, report in enumerate(event.reports, start=1):
                 trial = trials.get(report.trial or 0)
                 yield AdverseEventRow(
                     participant=person.pseudonym,
                     site=person.site,
                     simulated=person.simulated,
-                    event=event.number,
+                    event=event.event_number,
                     report=number,
                     recorded_at=report.recorded_at,
                     recorded_by=report.recorded_by if extras.free_text else None,
@@ -123,7 +123,7 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
 
 def log_rows(store: Store, extras: ExportOptions) -> Iterator[LogRow]:
     """Yields all entries of the audit log. A number replaces each person's name, unless ``free_text`` is set."""
-    entries, sites = store.log(), site_names(store)
+    entries, sites = store.audit_log(), site_names(store)
     people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}
     for entry in entries:
@@ -158,9 +158,11 @@ def write_adverse_events(store: Store, out: Path) -> None:
     write_folder_atomically(out, lambda folder: write_table(folder, "adverse_events", rows))
 
 
-def write_table(folder: Path, name: str, rows: Rows) -> None:
-    """Write a table as TSV, and the descriptions of its columns as JSON. ``name``: a key of ``codebook.TABLES``."""
-    columns = TABLES[name]
+def write_table(folder: Path, name: str, rows: TableRows) -> None:
+    """Write a table as TSV, and the descriptions of its columns as JSON. ``name``: a key of
+    ``codebook.COLUMNS_BY_TABLE``.
+    """
+    columns = COLUMNS_BY_TABLE[name]
     write_tsv(folder / f"{name}.tsv", [list(columns), *(list(row_values(row).values()) for row in rows)])
     write_json(folder / f"{name}.json", {name: _described(column) for name, column in columns.items()})
 

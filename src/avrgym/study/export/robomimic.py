@@ -14,7 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from avrgym.study.export import NOTICE
+from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
 
@@ -30,7 +30,7 @@ def write(
     store: Store, completed: Sequence[ExportedAttempt], folder: Path, cameras: Sequence[str] = ()
 ) -> None:
     """Write completed attempts as robomimic files into a folder. ``cameras``: see ``export_study``."""
-    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
     for scene, attempts in group_by_scene(completed).items():
         with h5py.File(folder / f"{scene}.hdf5", "x") as file:
             _write_file(file, attempts, cameras)
@@ -42,7 +42,7 @@ def _write_file(file: h5py.File, attempts: Sequence[ExportedAttempt], cameras: S
     data.attrs["env_args"] = json.dumps(
         {"env_name": f"{ENV_MODULE}:{environment}", "type": ENV_TYPE_GYM, "env_kwargs": {}}
     )
-    data.attrs["notice"] = NOTICE
+    data.attrs["notice"] = PRIVACY_NOTICE
     data.attrs["total"] = sum(
         _write_demonstration(data.create_group(f"demo_{number}"), exported, cameras)
         for number, exported in enumerate(attempts)
@@ -87,7 +87,7 @@ def _write_demonstration(group: h5py.Group, exported: ExportedAttempt, cameras: 
     group["success"] = np.array([control.success for control in steps])
     group[f"obs/{OBSERVATION}"] = observations
     group[f"next_obs/{OBSERVATION}"] = np.concatenate([observations[1:], observations[-1:]])
-    for name, images in exported.images(cameras).items():
+    for name, images in exported.render_images(cameras).items():
         group[f"obs/{name}"] = images
         group[f"next_obs/{name}"] = np.concatenate([images[1:], images[-1:]])
     for place in ("obs", "next_obs"):

@@ -6,13 +6,13 @@ from typing import Annotated
 from avrgym.commands.input_names import INPUT_METHODS
 from avrgym.commands.respondents import CONSENT_ROLES, RESPONDENTS
 from avrgym.models.human import SEXES
-from avrgym.questionnaires.questionnaire import ITEM_ORDERS, MOMENTS
+from avrgym.questionnaires.questionnaire import ITEM_ORDERS, QUESTION_MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.robots.registry import ROBOTS
-from avrgym.study.design.functioning import LEVELS
+from avrgym.study.design.functioning import DIFFICULTY_LEVELS
 from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
 from avrgym.study.storage.audit_log import IDENTIFICATION_METHODS
-from avrgym.study.storage.states import ATTEMPT, PARTICIPANT, TRIAL
+from avrgym.study.storage.states import ATTEMPT_TRANSITIONS, PARTICIPANT_TRANSITIONS, TRIAL_TRANSITIONS
 from avrgym.system.columns import TIME, Column
 from avrgym.tasks.registry import TASKS
 
@@ -74,20 +74,20 @@ def _attempt(empty: str = "") -> Column:
 
 
 Pseudonym = Annotated[str, _participant()]
-Site = Annotated[
+SiteName = Annotated[
     str | None,
     Column("Name of the participant's site.", allowed="letters, digits, - and _", empty="no site was given"),
 ]
 IsSimulated = Annotated[bool, _simulated()]
-Session = Annotated[int, _session()]
-Position = Annotated[int, _position()]
-Practice = Annotated[bool, _practice()]
+SessionNumber = Annotated[int, _session()]
+TrialPosition = Annotated[int, _position()]
+IsPractice = Annotated[bool, _practice()]
 TaskName = Annotated[str, _task()]
 RobotName = Annotated[str, _robot()]
 PolicyName = Annotated[str, _policy()]
 AttemptNumber = Annotated[int, _attempt()]
-Reward = Annotated[float | None, Column("Sum of the rewards of all control steps.", empty=_NO_METRICS)]
-Moment = Annotated[str, Column("Moment of the questionnaire.", allowed=_one_of(*MOMENTS))]
+TotalReward = Annotated[float | None, Column("Sum of the rewards of all control steps.", empty=_NO_METRICS)]
+QuestionMoment = Annotated[str, Column("Moment of the questionnaire.", allowed=_one_of(*QUESTION_MOMENTS))]
 Respondent = Annotated[
     str,
     Column(
@@ -107,12 +107,12 @@ class ParticipantRow:
     """Row of ``participants``: one participant."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     site_participant: Annotated[
         str | None, Column("Pseudonym of the participant at the site.", empty="not merged from sites")
     ]
     simulated: IsSimulated
-    state: Annotated[str, Column("State of the participation.", allowed=_one_of(*PARTICIPANT))]
+    state: Annotated[str, Column("State of the participation.", allowed=_one_of(*PARTICIPANT_TRANSITIONS))]
     sex: Annotated[str, Column("Sex of the body model.", allowed=_one_of(*SEXES))]
     age_years: Annotated[int | None, Column("Age at enrolment.", unit="year", empty="not given")]
     language: Annotated[str, Column("Language of the texts.", allowed="a language tag")]
@@ -138,7 +138,7 @@ class ConsentRow:
     """Row of ``consents``: one decision of a participant about a consent text."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
     decision: Annotated[int, Column("Number of the participant's decision.", allowed=_FROM_1)]
     role: Annotated[
@@ -175,16 +175,16 @@ class TrialRow:
     """Row of ``trials``: one planned trial."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
-    position: Position
-    practice: Practice
+    position: TrialPosition
+    practice: IsPractice
     environment: Annotated[
         str, Column("The Gymnasium environment of task and robot.", allowed="see avrgym envs")
     ]
     policy: PolicyName
     seed: Annotated[int, Column("Seed of the initial state and of exploration noise.", allowed=_FROM_0)]
-    state: Annotated[str, Column("State of the trial.", allowed=_one_of(*TRIAL))]
+    state: Annotated[str, Column("State of the trial.", allowed=_one_of(*TRIAL_TRANSITIONS))]
     attempts: Annotated[int, Column("Number of attempts.", allowed=_FROM_0)]
     recording: Annotated[
         str | None,
@@ -197,11 +197,11 @@ class AttemptIdentifiers:
     """Columns that identify an attempt."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
-    session: Session
-    position: Position
-    practice: Practice
+    session: SessionNumber
+    position: TrialPosition
+    practice: IsPractice
     task: TaskName
     robot: RobotName
     policy: PolicyName
@@ -212,13 +212,13 @@ class AttemptIdentifiers:
 class AttemptRow(AttemptIdentifiers):
     """Row of ``attempts``: one attempt at a trial."""
 
-    state: Annotated[str, Column("State of the attempt.", allowed=_one_of(*ATTEMPT))]
+    state: Annotated[str, Column("State of the attempt.", allowed=_one_of(*ATTEMPT_TRANSITIONS))]
     started_at: Annotated[str, _utc("Start of the attempt.")]
     ended_at: Annotated[str | None, _utc("End of the attempt.", "the attempt is running")]
     steps: Annotated[
         int | None, Column("Number of control steps of 0.1 s.", allowed=_FROM_0, empty=_NO_METRICS)
     ]
-    reward: Reward
+    reward: TotalReward
     success: Annotated[bool | None, Column("Whether the robot has succeeded.", empty=_NO_METRICS)]
     seconds: Annotated[
         float | None, Column("Duration of the attempt.", unit="s", allowed=_FROM_0, empty=_NO_METRICS)
@@ -274,16 +274,16 @@ class AnswerIdentifiers:
     """Columns that identify an answer. An answer about a whole session has no trial."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
-    session: Session
+    session: SessionNumber
     position: Annotated[int | None, _position(_SESSION_ANSWER)]
     practice: Annotated[bool | None, _practice(_SESSION_ANSWER)]
     task: Annotated[str | None, _task(_SESSION_ANSWER)]
     robot: Annotated[str | None, _robot(_SESSION_ANSWER)]
     policy: Annotated[str | None, _policy(_SESSION_ANSWER)]
     attempt: Annotated[int | None, _attempt(_SESSION_ANSWER)]
-    moment: Moment
+    moment: QuestionMoment
     respondent: Respondent
     questionnaire: QuestionnaireName
 
@@ -317,7 +317,7 @@ class ItemRow:
     """Row of ``items``: one item of a questionnaire."""
 
     questionnaire: QuestionnaireName
-    when: Annotated[str, Column("Moments of the questionnaire.", allowed=_one_of(*MOMENTS))]
+    when: Annotated[str, Column("Moments of the questionnaire.", allowed=_one_of(*QUESTION_MOMENTS))]
     order: Annotated[str, Column("Order of the items.", allowed=_one_of(*ITEM_ORDERS))]
     item: Annotated[str, Column("Name of the item.")]
     text: Annotated[str, Column("Text of the item.")]
@@ -381,7 +381,7 @@ class LogRow:
     """Row of ``log``: one entry of the audit log."""
 
     entry: Annotated[int, Column("Number of the entry; those of a merged site begin at a multiple of 10^9.")]
-    site: Site
+    site: SiteName
     at: Annotated[str, _utc("Time of the action.")]
     person: Annotated[str, Column("Number of the person; with --free-text, name of the token or account.")]
     known_by: Annotated[
@@ -434,7 +434,7 @@ class AdverseEventRow:
     """Row of ``adverse_events``: one report of an adverse event."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
     event: Annotated[int, Column("Number of the adverse event in the study.", allowed=_FROM_1)]
     report: Annotated[int, Column("Number of the report of this event; the last is valid.", allowed=_FROM_1)]
@@ -476,7 +476,7 @@ class FunctioningCountRow:
 
 
 def _difficulty(domain: str) -> Column:
-    return Column(f"Difficulty in {domain}.", allowed=_one_of(*LEVELS))
+    return Column(f"Difficulty in {domain}.", allowed=_one_of(*DIFFICULTY_LEVELS))
 
 
 @dataclass(frozen=True)
@@ -484,7 +484,7 @@ class FunctioningRow:
     """Row of ``functioning_by_person``: answers of one participant about functioning."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     seeing: Annotated[str, _difficulty("seeing")]
     hearing: Annotated[str, _difficulty("hearing")]
     walking: Annotated[str, _difficulty("walking")]
@@ -505,7 +505,7 @@ class NoteRow:
     """Row of ``notes``: one note of an experimenter about a participant."""
 
     participant: Pseudonym
-    site: Site
+    site: SiteName
     simulated: IsSimulated
     session: Annotated[int | None, _session(_NO_SESSION)]
     at: Annotated[str, _utc("Time of writing.")]

@@ -11,7 +11,7 @@ from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.study.export.rows import ScaleRow, ScoreRow
 from avrgym.study.export.trials import ExportedAnswer
-from avrgym.study.storage.answers import sessions_of_visit
+from avrgym.study.storage.answers import session_ids_of_visit
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
@@ -29,28 +29,28 @@ class Score:
 
     questionnaire: Questionnaire
     instrument: Instrument
-    scale: str
+    scale_name: str
     value: float | None
     answers: tuple[ExportedAnswer, ...]
 
     @property
     def _respondent(self) -> str:
         """``PROXY`` if a proxy gave at least one answer; otherwise the respondent of the last answer."""
-        given = [answer.stored.answered_by for answer in self.answers]
+        given = [answer.stored_answer.answered_by for answer in self.answers]
         return PROXY if PROXY in given else given[-1]
 
-    def row(self) -> ScoreRow:
+    def to_row(self) -> ScoreRow:
         """Returns this score as a row of the table ``scores``."""
-        minimum, maximum = self.instrument.range_of(self.scale)
-        items = self.instrument.items_of(self.scale)
+        minimum, maximum = self.instrument.score_range(self.scale_name)
+        items = self.instrument.items_of(self.scale_name)
         return ScoreRow(
             **vars(replace(self.answers[-1].identifiers(), respondent=self._respondent)),
             instrument=self.instrument.name,
-            scale=self.scale,
+            scale=self.scale_name,
             score=self.value,
             minimum=minimum,
             maximum=maximum,
-            answered=sum(answer.stored.item in items for answer in self.answers),
+            answered=sum(answer.stored_answer.item in items for answer in self.answers),
             items=len(items),
         )
 
@@ -71,7 +71,7 @@ def scores_of(
             key = answer.questionnaire.name, _moment(answer, sessions)
             answers_by_questionnaire.setdefault(key, []).append(answer)
     given = {
-        key: {each.stored.item: each.stored.value for each in own}
+        key: {each.stored_answer.item: each.stored_answer.value for each in own}
         for key, own in answers_by_questionnaire.items()
     }
     design = answered_items.design
@@ -92,20 +92,20 @@ def scale_rows(design: Design) -> Iterator[ScaleRow]:
         for name in instrument.scale_names if instrument else ():
             assert instrument is not None
             scale = next((each for each in instrument.scales if each.name == name), None)
-            minimum, maximum = instrument.range_of(name)
+            minimum, maximum = instrument.score_range(name)
             yield ScaleRow(
                 questionnaire=questionnaire.name,
                 instrument=instrument.name,
                 title=instrument.title,
                 scale=name,
-                function=scale.of if scale else "weighted mean",
+                function=scale.function if scale else "weighted mean",
                 factor=scale.factor if scale else 1.0,
-                reversed=", ".join(scale.reversed) if scale else "",
-                offset=scale.offset if scale else 0,
+                reversed=", ".join(scale.reversed_items) if scale else "",
+                offset=scale.item_offset if scale else 0,
                 items=", ".join(scale.items if scale else instrument.items_of(name)),
                 minimum=minimum,
                 maximum=maximum,
-                missing=instrument.missing,
+                missing=instrument.missing_answer_rule,
                 source=instrument.source,
                 licence=instrument.licence,
             )
@@ -119,13 +119,13 @@ def uses_instruments(design: Design) -> bool:
 def _is_of_instrument(answer: ExportedAnswer) -> bool:
     """Returns whether the answered item belongs to a validated questionnaire."""
     instrument = answer.questionnaire.instrument
-    return instrument is not None and any(item.id == answer.stored.item for item in instrument.items)
+    return instrument is not None and any(item.id == answer.stored_answer.item for item in instrument.items)
 
 
 def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> AnswerTime:
-    if answer.stored.attempt is not None:
-        return answer.stored.attempt, answer.stored.session, answer.moment
-    return 0, sessions_of_visit(sessions, answer.stored.session)[0], answer.moment
+    if answer.stored_answer.attempt is not None:
+        return answer.stored_answer.attempt, answer.stored_answer.session, answer.moment
+    return 0, session_ids_of_visit(sessions, answer.stored_answer.session)[0], answer.moment
 
 
 def _scores(
@@ -134,8 +134,8 @@ def _scores(
     weights: Mapping[str, int] | None,
     answers: Sequence[ExportedAnswer],
 ) -> Iterator[Score]:
-    given = {answer.stored.item: answer.stored.value for answer in answers}
-    for scale, value in instrument.score(given, weights).items():
+    given = {answer.stored_answer.item: answer.stored_answer.value for answer in answers}
+    for scale, value in instrument.compute_scores(given, weights).items():
         yield Score(questionnaire, instrument, scale, value, tuple(answers))
 
 
@@ -151,7 +151,7 @@ def _weights(
     weighting = questionnaire.instrument.weighting if questionnaire.instrument else None
     if weighting is None:
         return None
-    sources = [each for each in design.questionnaires if each.use == weighting.instrument]
+    sources = [each for each in design.questionnaires if each.use == weighting.weights_instrument]
     whole = {
         when: weights
         for source in sources
@@ -165,6 +165,6 @@ def _weights(
 
 def _chosen(instrument: Instrument, answers: Mapping[str, int]) -> dict[str, int] | None:
     """Returns weights from the participant's answers, by factor; ``None`` if an answer is missing."""
-    scores = instrument.score(answers)
+    scores = instrument.compute_scores(answers)
     weights = {scale: round(score) for scale, score in scores.items() if score is not None}
     return weights if len(weights) == len(scores) else None

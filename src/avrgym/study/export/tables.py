@@ -9,13 +9,13 @@ from typing import Any
 from msgspec.structs import asdict
 
 from avrgym.study.design.design import Design
-from avrgym.study.export import NOTICE
+from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.codebook import (
+    COLUMNS_BY_TABLE,
     INSTRUMENT_TABLES,
     RECORD_TABLES,
-    TABLES,
-    action_size,
-    codebook,
+    codebook_rows,
+    max_action_size,
     reward_terms,
 )
 from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, log_rows, record_tables
@@ -28,11 +28,11 @@ from avrgym.study.storage.rows import ConsentText
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
-CONSENT_TEXTS = "consent_texts"
+CONSENT_TEXTS_FOLDER = "consent_texts"
 """Folder of the consent texts in an export."""
 CHECKSUM_DIGITS = 12
 """Number of checksum digits in the file name of a consent text."""
-Heights = Mapping[int, float | None]
+TorsoHeightByAttempt = Mapping[int, float | None]
 """Torso heights (m), by attempt id."""
 
 
@@ -43,9 +43,9 @@ def write(
     extras: ExportOptions = DEFAULT_EXPORT_OPTIONS,
 ) -> None:
     """Write all tables of a study as CSV into a folder. ``completed``: attempts for the table ``control_steps``."""
-    (folder / "README.txt").write_text(NOTICE + "\n", encoding="utf-8")
+    (folder / "README.txt").write_text(PRIVACY_NOTICE + "\n", encoding="utf-8")
     attempts = list(all_attempts(store))
-    heights: Heights = {exported.attempt.id: exported.torso_height_m() for exported in completed}
+    heights: TorsoHeightByAttempt = {exported.attempt.id: exported.torso_height_m() for exported in completed}
     answered_items = AnsweredItems(store)
     for name, rows in participant_tables(store, attempts, completed, heights, answered_items).items():
         write_csv(folder / f"{name}.csv", rows)
@@ -53,26 +53,26 @@ def write(
     write_csv(folder / "items.csv", item_rows(answered_items.design))
     records = record_tables(store, extras)
     for name, rows in records.items():
-        write_csv(folder / f"{name}.csv", rows, TABLES[name])
+        write_csv(folder / f"{name}.csv", rows, COLUMNS_BY_TABLE[name])
     absent = {"left_out", *RECORD_TABLES} - set(records)
     if uses_instruments(answered_items.design):
         write_csv(folder / "scales.csv", scale_rows(answered_items.design))
     else:
         absent |= set(INSTRUMENT_TABLES)
-    if store.log():
+    if store.audit_log():
         write_csv(folder / "log.csv", log_rows(store, extras))
     else:
         absent |= {"log"}
     write_csv(folder / "control_steps.csv", _control_steps(store, completed))
-    tables = [table for table in TABLES if table not in absent]
-    write_csv(folder / "codebook.csv", codebook(tables, store.design))
+    tables = [table for table in COLUMNS_BY_TABLE if table not in absent]
+    write_csv(folder / "codebook.csv", codebook_rows(tables, store.design))
 
 
 def participant_tables(
     store: Store,
     attempts: list[ExportedAttempt],
     completed: Sequence[ExportedAttempt],
-    heights: Heights,
+    heights: TorsoHeightByAttempt,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
     """Returns the rows of the tables with one participant in each row, by table name.
@@ -85,14 +85,14 @@ def participant_tables(
         "trials": _trials(store, attempts),
         "attempts": (_attempt(exported, heights) for exported in attempts),
         "answers": (
-            answer.row()
+            answer.to_row()
             for participant in store.participants()
             for answer in answers_of(store, participant, attempts, answered_items)
         ),
     }
     if uses_instruments(answered_items.design):
         tables["scores"] = (
-            score.row()
+            score.to_row()
             for participant in store.participants()
             for score in scores_of(
                 store, participant, answers_of(store, participant, attempts, answered_items), answered_items
@@ -101,7 +101,7 @@ def participant_tables(
     return tables
 
 
-def _median_heights(completed: Sequence[ExportedAttempt], heights: Heights) -> dict[str, float]:
+def _median_heights(completed: Sequence[ExportedAttempt], heights: TorsoHeightByAttempt) -> dict[str, float]:
     """Returns the median torso height (m) of each participant, by pseudonym."""
     heights_by_participant: dict[str, list[float]] = defaultdict(list)
     for exported in completed:
@@ -122,8 +122,8 @@ def item_rows(design: Design) -> Iterator[ItemRow]:
                 order=questionnaire.order,
                 item=item.id,
                 text=item.text,
-                minimum=scale.lowest,
-                maximum=scale.highest,
+                minimum=scale.lowest_value,
+                maximum=scale.highest_value,
                 points=item.points,
                 low=item.low,
                 high=item.high,
@@ -159,7 +159,7 @@ def write_consent_texts(store: Store, folder: Path) -> None:
 
 
 def _consent_file(archived: ConsentText) -> str:
-    return f"{CONSENT_TEXTS}/{archived.language}-{archived.sha256[:CHECKSUM_DIGITS]}.txt"
+    return f"{CONSENT_TEXTS_FOLDER}/{archived.language}-{archived.sha256[:CHECKSUM_DIGITS]}.txt"
 
 
 def _participants(store: Store, heights: Mapping[str, float]) -> Iterator[ParticipantRow]:
@@ -203,7 +203,7 @@ def _trials(store: Store, attempts: list[ExportedAttempt]) -> Iterator[TrialRow]
             )
 
 
-def _attempt(exported: ExportedAttempt, heights: Heights) -> AttemptRow:
+def _attempt(exported: ExportedAttempt, heights: TorsoHeightByAttempt) -> AttemptRow:
     attempt = exported.attempt
     return AttemptRow(
         **vars(exported.identifiers()),
@@ -219,7 +219,7 @@ def _attempt(exported: ExportedAttempt, heights: Heights) -> AttemptRow:
 
 
 def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterator[dict[str, Any]]:
-    terms, joints = reward_terms(store.design), range(action_size(store.design))
+    terms, joints = reward_terms(store.design), range(max_action_size(store.design))
     for exported in completed:
         labels = vars(exported.identifiers())
         for time_s, control in exported.control_steps():

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from avrgym.array_types import NumpyArray
-from avrgym.models.cameras import as_cameras, image_entries
+from avrgym.models.cameras import image_entries, parse_cameras
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.recording.reader import (
     Recording,
@@ -15,11 +15,11 @@ from avrgym.recording.reader import (
     read_recording,
 )
 from avrgym.recording.schema import Control
-from avrgym.recording.world import recorded_images
+from avrgym.recording.world import render_recorded_images
 from avrgym.robots.registry import find_robot
 from avrgym.study.export.rows import AnswerIdentifiers, AnswerRow, AttemptIdentifiers
 from avrgym.study.storage.answers import answer_moments
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS, recording_sha256
+from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE, recording_sha256
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudyAnswer, StudySession, Trial, TrialAttempt
 from avrgym.study.storage.states import StudyError
@@ -38,34 +38,34 @@ class ExportedAttempt:
     answers: tuple[StudyAnswer, ...]
 
     @property
-    def scene(self) -> str:
+    def scene_name(self) -> str:
         """Task and robot as one name, such as ``FeedingJaco``."""
         return self.trial.task + self.trial.robot
 
-    def read(self) -> Recording:
+    def read_recording(self) -> Recording:
         """Returns the recording up to its end or its first damage. Recordings are large and not cached."""
-        return read_recording(self.store.path(self.attempt.recording))
+        return read_recording(self.store.absolute_path(self.attempt.recording))
 
-    def read_whole(self) -> Recording:
+    def read_complete_recording(self) -> Recording:
         """Returns the recording, which must be complete and unchanged.
 
         Raises:
             StudyError: if the recording is missing, damaged or changed. The message begins with the recording's name.
         """
         name = self.attempt.recording
-        if not self.store.path(name).is_file():
+        if not self.store.absolute_path(name).is_file():
             raise StudyError(f"{name} {self._absence}")
-        if self.is_changed():
-            raise StudyError(f"{name} {CHECKSUM_DIFFERS}")
+        if self.is_recording_changed():
+            raise StudyError(f"{name} {CHECKSUM_MISMATCH_MESSAGE}")
         try:
-            recording = self.read()
+            recording = self.read_recording()
         except (OSError, RecordingError) as error:
             raise StudyError(f"{name} cannot be read: {error}") from error
         if not recording.complete:
             raise StudyError(f"{name} is incomplete; allowed: complete recordings")
         return recording
 
-    def is_changed(self) -> bool:
+    def is_recording_changed(self) -> bool:
         """Returns whether the recording exists, but differs from the checksum at the end of the attempt."""
         return recording_sha256(self.store, self.attempt.recording) not in (None, self.attempt.sha256)
 
@@ -73,7 +73,9 @@ class ExportedAttempt:
         """Returns the torso height (m) of the participant's body model in this trial."""
         if self.attempt.torso_height_m is not None:
             return self.attempt.torso_height_m
-        return read_header(self.store.path(self.attempt.recording)).configuration.person.torso_height_m
+        return read_header(
+            self.store.absolute_path(self.attempt.recording)
+        ).configuration.person.torso_height_m
 
     @property
     def _absence(self) -> str:
@@ -81,10 +83,13 @@ class ExportedAttempt:
         return "is missing" if here else f"is at another station; it was recorded at {self.session.station}"
 
     def control_steps(self) -> list[tuple[float, Control]]:
-        """Returns time (s) and data of each control step. Raises the errors of ``read_whole``."""
-        return [(time_ns / 1e9, control) for time_ns, control in self.read_whole().topics["/control"]]
+        """Returns time (s) and data of each control step. Raises the errors of ``read_complete_recording``."""
+        return [
+            (time_ns / 1e9, control)
+            for time_ns, control in self.read_complete_recording().messages_by_topic["/control"]
+        ]
 
-    def images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
+    def render_images(self, cameras: Sequence[str]) -> dict[str, NumpyArray]:
         """Returns rendered camera images (steps, ...) at the start of each control step, by image name.
 
         The images are rendered from the recorded simulation states.
@@ -96,8 +101,8 @@ class ExportedAttempt:
         if not cameras:
             return {}
         try:
-            chosen = as_cameras(cameras, find_robot(self.trial.robot))
-            frames = [*recorded_images(self.read_whole(), chosen)]
+            chosen = parse_cameras(cameras, find_robot(self.trial.robot))
+            frames = [*render_recorded_images(self.read_complete_recording(), chosen)]
         except ValueError as error:
             raise StudyError(f"{self.attempt.recording}: {error}") from error
         return {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
@@ -153,7 +158,7 @@ class ExportedAnswer:
     participant: Participant
     session: StudySession
     attempt: ExportedAttempt | None
-    stored: StudyAnswer
+    stored_answer: StudyAnswer
     moment: str
     questionnaire: Questionnaire
     item: Item
@@ -173,22 +178,22 @@ class ExportedAnswer:
             policy=attempt and attempt.trial.policy,
             attempt=attempt and attempt.attempt.number,
             moment=self.moment,
-            respondent=self.stored.answered_by,
+            respondent=self.stored_answer.answered_by,
             questionnaire=self.questionnaire.name,
         )
 
-    def row(self) -> AnswerRow:
+    def to_row(self) -> AnswerRow:
         """Returns this answer as a row of the table ``answers``."""
         scale = self.questionnaire.scale_of(self.item)
         return AnswerRow(
             **vars(self.identifiers()),
             item=self.item.id,
-            value=scale.scale_value(self.stored.value),
-            minimum=scale.lowest,
-            maximum=scale.highest,
+            value=scale.scale_value(self.stored_answer.value),
+            minimum=scale.lowest_value,
+            maximum=scale.highest_value,
             points=scale.points,
-            response_time_s=self.stored.response_time_s,
-            answered_at=self.stored.answered_at,
+            response_time_s=self.stored_answer.response_time_s,
+            answered_at=self.stored_answer.answered_at,
         )
 
 
@@ -207,8 +212,8 @@ def answers_of(
             by_id.get(given.attempt or 0),
             given,
             moments[given.id],
-            answered_items.questionnaire(given),
-            answered_items.item(given),
+            answered_items.questionnaire_of(given),
+            answered_items.item_of(given),
         )
         for given in answers
     ]
@@ -233,7 +238,7 @@ def verify_attempts(
     left_out: list[OmittedAttempt] = []
     for number, exported in enumerate(attempts, start=1):
         try:
-            exported.read_whole()
+            exported.read_complete_recording()
             sound.append(exported)
         except StudyError as error:
             left_out.append(OmittedAttempt(exported, str(error)))
@@ -245,5 +250,5 @@ def group_by_scene(attempts: Iterable[ExportedAttempt]) -> dict[str, list[Export
     """Returns the attempts by scene (task and robot). All observations of a scene have the same size."""
     found: dict[str, list[ExportedAttempt]] = {}
     for exported in attempts:
-        found.setdefault(exported.scene, []).append(exported)
+        found.setdefault(exported.scene_name, []).append(exported)
     return found

@@ -9,13 +9,13 @@ import msgspec
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.design.comparison import differences, key_path_text, value_text
 from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.design import SITE_FIELDS
+from avrgym.study.design.design import SITE_SPECIFIC_FIELDS
 from avrgym.study.design.validation import read_text
 from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, read_frozen_plan
 from avrgym.study.plan.plan import FILE as PLAN
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.toml_lines import Place, line_of
+from avrgym.system.toml_lines import ValuePath, line_number
 from avrgym.texts.interface_texts import read_texts
 
 EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
@@ -24,7 +24,7 @@ NamedStudy = tuple[str, Store]
 """Name and study of a site."""
 
 
-def find_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
+def find_study_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> list[str]:
     """Returns the descriptions of the differences between two studies.
 
     ``accepted``: the user accepts differences.
@@ -55,7 +55,7 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
         yield f"the frozen plan's checksum ({FROZEN_PLAN_FILE})", _plan(a), _plan(b)
 
 
-def _of_designs(a: NamedStudy, b: NamedStudy, place: Place, here: Any, there: Any) -> str:
+def _of_designs(a: NamedStudy, b: NamedStudy, place: ValuePath, here: Any, there: Any) -> str:
     """Returns a difference between two designs as text, with the line numbers of the value in both files."""
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {key_path_text(place)}", here, there, *at)
@@ -65,12 +65,12 @@ def _difference_text(where: str, here: Any, there: Any, a: str, b: str) -> str:
     return f"{where} is {value_text(here)} at {a}, {value_text(there)} at {b}"
 
 
-def _line(store: Store, place: Place) -> str:
+def _line(store: Store, place: ValuePath) -> str:
     """Returns the line number of a value or of its table as text; empty if the file contains neither."""
     text = read_text(store.folder / DESIGN)
     for length in range(len(place), 0, -1):
         try:
-            return f" (line {line_of(text, place[:length])})"
+            return f" (line {line_number(text, place[:length])})"
         except LookupError:
             continue
     return ""
@@ -79,7 +79,7 @@ def _line(store: Store, place: Place) -> str:
 def _design(store: Store) -> dict[str, Any]:
     """Returns the design's fields, except the fields that may differ between sites."""
     values = msgspec.json.decode(msgspec.json.encode(store.design))
-    return {name: value for name, value in values.items() if name not in SITE_FIELDS}
+    return {name: value for name, value in values.items() if name not in SITE_SPECIFIC_FIELDS}
 
 
 def _texts(store: Store) -> dict[str, Any]:

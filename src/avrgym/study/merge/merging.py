@@ -17,32 +17,48 @@ from typing import Any
 import sqlalchemy as sa
 import tomlkit
 
-from avrgym.study.checking.preflight import needed_policies
+from avrgym.study.checking.preflight import environment_policy_pairs
 from avrgym.study.design.design import FILE as DESIGN
-from avrgym.study.design.design import SITE_FIELDS
+from avrgym.study.design.design import SITE_SPECIFIC_FIELDS
 from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
-from avrgym.study.merge.agreement import find_differences
-from avrgym.study.merge.source_studies import SiteStudy, check_continuation, check_distinct, read_site_study
-from avrgym.study.merge.transfer import Recording, Rows, recordings_of, rows_by_participant, store_rows
+from avrgym.study.merge.agreement import find_study_differences
+from avrgym.study.merge.source_studies import (
+    SiteStudy,
+    check_distinct_studies,
+    check_site_continuation,
+    read_site_study,
+)
+from avrgym.study.merge.transfer import (
+    RowsByTable,
+    SiteRecording,
+    rows_by_participant,
+    site_recordings,
+    store_rows,
+)
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE
 from avrgym.study.plan.plan import FILE as PLAN
-from avrgym.study.plan.timestamps import REGISTRATION, TIME_STAMP
+from avrgym.study.plan.timestamps import REGISTRATION_FILE, TIME_STAMP_FILE
 from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.database import DATABASE_URL_VARIABLE
 from avrgym.study.storage.database import FILE as DATABASE
-from avrgym.study.storage.database import URL_VARIABLE
-from avrgym.study.storage.rows import RECORDINGS, Site, Tombstone, pseudonym_of
+from avrgym.study.storage.rows import RECORDINGS, DeletedParticipant, Site, pseudonym_of
 from avrgym.study.storage.sites import (
-    RECORDING_LEFT_OUT,
-    SITE_DIFFERS,
-    merged_id,
+    OMITTED_RECORDING_EVENT,
+    SITE_DIFFERENCE_EVENT,
     merged_participant_number,
+    merged_row_id,
     record_event_once,
 )
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
-from avrgym.system.files import make_private_folder, remove_unfinished, write_folder_atomically, write_new
+from avrgym.study.storage.store import Store, find_rows
+from avrgym.system.files import (
+    make_private_folder,
+    remove_leftover_files,
+    write_folder_atomically,
+    write_private_file,
+)
 
 
 def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
@@ -52,23 +68,25 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
     """
 
     def write(folder: Path) -> None:
-        write_new(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
+        write_private_file(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
         for name in _own_files(like):
             make_private_folder((folder / name).parent)
             shutil.copyfile(like.folder / name, folder / name)
-        with Store(folder) as store, store.database.write() as connection:
+        with Store(folder) as store, store.database.write_transaction() as connection:
             for number, name in names.items():
-                hash_chain.insert(connection, schema.SITE, number=number, name=name, entries=0, digest="")
+                hash_chain.insert(
+                    connection, schema.SITE_TABLE, number=number, name=name, entries=0, digest=""
+                )
 
     write_folder_atomically(out, write)
 
 
 def _without_local(design: str) -> str:
-    """Returns the text of a design without the fields of ``SITE_FIELDS``. The other lines are unchanged."""
+    """Returns the text of a design without the fields of ``SITE_SPECIFIC_FIELDS``. The other lines are unchanged."""
     document: Any = tomlkit.parse(design)
-    if not any(document.get(name) for name in SITE_FIELDS):
+    if not any(document.get(name) for name in SITE_SPECIFIC_FIELDS):
         return design
-    for name in SITE_FIELDS:
+    for name in SITE_SPECIFIC_FIELDS:
         document.pop(name, None)
     return tomlkit.dumps(document)
 
@@ -80,12 +98,12 @@ def _own_files(store: Store) -> Iterator[Path]:
         for name in (
             PLAN,
             FROZEN_PLAN_FILE,
-            TIME_STAMP,
-            REGISTRATION,
+            TIME_STAMP_FILE,
+            REGISTRATION_FILE,
             *text_files(store.design, store.folder),
         )
     ]
-    own += [Path(store.policy_source(*needed)) for needed in needed_policies(store)]
+    own += [Path(store.policy_source(*needed)) for needed in environment_policy_pairs(store)]
     for path in dict.fromkeys(own):
         if path.is_relative_to(store.folder) and path.is_file():
             yield path.relative_to(store.folder)
@@ -99,13 +117,13 @@ class MergedSite:
     recordings, copied recordings, written rows and deleted participants.
     """
 
-    site: str
-    participants: int
-    pseudonyms: str
-    recordings: int
-    recordings_copied: int
-    rows_written: int
-    participants_deleted: int
+    site_name: str
+    participant_count: int
+    pseudonym_range: str
+    recording_count: int
+    copied_recording_count: int
+    written_row_count: int
+    deleted_participant_count: int
 
 
 @dataclass
@@ -115,7 +133,7 @@ class _SiteMerge:
     number: int
     source: SiteStudy
     differing: Sequence[str]
-    recordings: Mapping[int, Sequence[Recording]]
+    recordings: Mapping[int, Sequence[SiteRecording]]
     faults: dict[int, str] = field(default_factory=dict[int, str])
     copied: int = 0
     written: int = 0
@@ -151,7 +169,7 @@ def merge_studies(
     _check_places(folders, out)
     with ExitStack() as stack:
         sources = [read_site_study(stack.enter_context(Store(folder))) for folder in folders]
-        check_distinct(sources)
+        check_distinct_studies(sources)
         merged = _open_merged(out, stack)
         sites = _number(sources, merged, out, accepted=accept_differences)
         _verify(sites, progress)
@@ -159,7 +177,7 @@ def merge_studies(
         if merged is None:
             make_merged_study(sources[0].store, {site.number: site.source.name for site in sites}, out)
             merged = stack.enter_context(Store(out))
-        remove_unfinished(merged.folder / RECORDINGS)
+        remove_leftover_files(merged.folder / RECORDINGS)
         return [_merge_site(merged, site) for site in sites]
 
 
@@ -167,9 +185,10 @@ def merge_studies(
 
 
 def _check_places(folders: Sequence[Path], out: Path) -> None:
-    if os.environ.get(URL_VARIABLE):
+    if os.environ.get(DATABASE_URL_VARIABLE):
         raise StudyError(
-            f"{URL_VARIABLE} is set and would replace the database of each site: unset it, and set `url` under "
+            f"{DATABASE_URL_VARIABLE} is set and would replace the database of each site: unset it, and set "
+            f"`url` under "
             "[database] in the study.toml of a site that uses PostgreSQL (its password in ~/.pgpass)"
         )
     for folder in folders:
@@ -196,20 +215,22 @@ def _number(
     """Returns the sites with their numbers. Raises ``StudyError`` if a site does not match the merged study."""
     known = merged.sites() if merged else []
     people = merged.participants() if merged else []
-    gone = {each.number for each in merged.tombstones()} if merged else set[int]()
+    gone = {each.number for each in merged.deleted_participants()} if merged else set[int]()
     like = (known[0].name, merged) if merged else (sources[0].name, sources[0].store)
     numbers = {site.name: site.number for site in known}
     sites: list[_SiteMerge] = []
     for source in sources:
-        check_continuation(source, known, people)
+        check_site_continuation(source, known, people)
         number = numbers.setdefault(source.name, len(numbers) + 1)
-        differing = find_differences(like, (source.name, source.store), accepted=accepted)
-        recordings: dict[int, list[Recording]] = {
-            person: [] for person in source.people if merged_participant_number(number, person) not in gone
+        differing = find_study_differences(like, (source.name, source.store), accepted=accepted)
+        recordings: dict[int, list[SiteRecording]] = {
+            person: []
+            for person in source.enrolment_times
+            if merged_participant_number(number, person) not in gone
         }
-        for each in recordings_of(source, number, out):
-            if each.participant in recordings:
-                recordings[each.participant].append(each)
+        for each in site_recordings(source, number, out):
+            if each.participant_number in recordings:
+                recordings[each.participant_number].append(each)
         sites.append(_SiteMerge(number, source, differing, recordings))
     return sites
 
@@ -220,9 +241,9 @@ def _verify(sites: Sequence[_SiteMerge], progress: Callable[[int, int], None]) -
         (site, each) for site in sites for recordings in site.recordings.values() for each in recordings
     ]
     for done, (site, each) in enumerate(everything, start=1):
-        fault = None if each.is_transferred() else each.fault()
+        fault = None if each.is_copied() else each.find_copy_error()
         if fault is not None:
-            site.faults[each.attempt] = fault
+            site.faults[each.attempt_id] = fault
         progress(done, len(everything))
 
 
@@ -242,54 +263,56 @@ def _report_omissions(
 
 
 def _merge_site(merged: Store, site: _SiteMerge) -> MergedSite:
-    with merged.database.write() as connection:
+    with merged.database.write_transaction() as connection:
         _enter(connection, site)
     rows = rows_by_participant(site.source, site.number)
     for person, recordings in site.recordings.items():
         _merge_participant(merged, site, person, recordings, rows[person])
     site.deleted = sum(1 for _ in _delete(merged, site))
-    with merged.database.write() as connection:
+    with merged.database.write_transaction() as connection:
         site.written += store_rows(connection, rows.get(None, {}))
         _merge_rest(connection, site)
     return MergedSite(
-        site=site.source.name,
-        participants=len(site.recordings),
-        pseudonyms=_range([merged_participant_number(site.number, person) for person in site.recordings]),
-        recordings=sum(each.target.is_file() for own in site.recordings.values() for each in own),
-        recordings_copied=site.copied,
-        rows_written=site.written,
-        participants_deleted=site.deleted,
+        site_name=site.source.name,
+        participant_count=len(site.recordings),
+        pseudonym_range=_range(
+            [merged_participant_number(site.number, person) for person in site.recordings]
+        ),
+        recording_count=sum(each.target_path.is_file() for own in site.recordings.values() for each in own),
+        copied_recording_count=site.copied,
+        written_row_count=site.written,
+        deleted_participant_count=site.deleted,
     )
 
 
 def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store the number of a new site. Raises ``StudyError`` if another merge assigned this number."""
-    for known in find_all(connection, Site, number=site.number):
+    for known in find_rows(connection, Site, number=site.number):
         if known.name != site.source.name:
             raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
         return
     row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
-    hash_chain.insert(connection, schema.SITE, **row)
+    hash_chain.insert(connection, schema.SITE_TABLE, **row)
 
 
 def _merge_participant(
-    merged: Store, site: _SiteMerge, person: int, recordings: Sequence[Recording], rows: Rows
+    merged: Store, site: _SiteMerge, person: int, recordings: Sequence[SiteRecording], rows: RowsByTable
 ) -> None:
     for each in recordings:
-        if each.attempt not in site.faults:
-            site.copied += each.copy()
+        if each.attempt_id not in site.faults:
+            site.copied += each.copy_file()
     number = merged_participant_number(site.number, person)
-    with merged.database.write() as connection:
-        if find_all(connection, Tombstone, number=number):
+    with merged.database.write_transaction() as connection:
+        if find_rows(connection, DeletedParticipant, number=number):
             return  # deleted during this merge
         site.written += store_rows(connection, rows)
         for each in recordings:
-            if each.attempt in site.faults:
-                attempt = merged_id(site.number, each.attempt)
+            if each.attempt_id in site.faults:
+                attempt = merged_row_id(site.number, each.attempt_id)
                 record_event_once(
                     connection,
-                    RECORDING_LEFT_OUT,
-                    site.faults[each.attempt],
+                    OMITTED_RECORDING_EVENT,
+                    site.faults[each.attempt_id],
                     participant=number,
                     attempt=attempt,
                 )
@@ -298,7 +321,7 @@ def _merge_participant(
 def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
     """Delete merged participants that the site has deleted. Yields their numbers in the merged study."""
     present = {each.number for each in merged.participants()}
-    for row in site.source.rows["tombstone"]:
+    for row in site.source.rows_by_table["tombstone"]:
         number = merged_participant_number(site.number, row["number"])
         pseudonym = pseudonym_of(number)
         if number in present or (merged.folder / RECORDINGS / pseudonym).exists():
@@ -308,16 +331,16 @@ def _delete(merged: Store, site: _SiteMerge) -> Iterator[int]:
 
 def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store the site's deletions, the accepted differences, and the head of the site's hash chain."""
-    for row in site.source.rows["tombstone"]:
+    for row in site.source.rows_by_table["tombstone"]:
         number = merged_participant_number(site.number, row["number"])
-        if not find_all(connection, Tombstone, number=number):
-            hash_chain.insert(connection, schema.TOMBSTONE, **{**row, "number": number})
+        if not find_rows(connection, DeletedParticipant, number=number):
+            hash_chain.insert(connection, schema.TOMBSTONE_TABLE, **{**row, "number": number})
     for words in site.differing:
-        record_event_once(connection, SITE_DIFFERS, words)
-    head = site.source.head
-    (before,) = find_all(connection, Site, number=site.number)
+        record_event_once(connection, SITE_DIFFERENCE_EVENT, words)
+    head = site.source.chain_head
+    (before,) = find_rows(connection, Site, number=site.number)
     if (before.entries, before.digest) != (head.number, head.digest):
-        hash_chain.update(connection, schema.SITE, site.number, entries=head.number, digest=head.digest)
+        hash_chain.update(connection, schema.SITE_TABLE, site.number, entries=head.number, digest=head.digest)
 
 
 def _range(numbers: Sequence[int]) -> str:

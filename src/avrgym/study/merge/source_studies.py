@@ -7,10 +7,10 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from avrgym.study.design.validation import NAME
+from avrgym.study.design.validation import NAME_PATTERN
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.rows import Participant, Site, pseudonym_of
-from avrgym.study.storage.sites import PEOPLE_PER_SITE, site_number_of
+from avrgym.study.storage.sites import PARTICIPANTS_PER_SITE, site_number_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
@@ -21,12 +21,12 @@ MERGED_TABLES = tuple(
     for table in schema.METADATA.sorted_tables
     if table
     not in (
-        schema.STUDY,
-        schema.SITE,
-        schema.EXPERIMENTER,
+        schema.STUDY_TABLE,
+        schema.SITE_TABLE,
+        schema.EXPERIMENTER_TABLE,
         schema.INVITATION,
         schema.INVITATION_USE,
-        schema.LEDGER,
+        schema.LEDGER_TABLE,
     )
 )
 """Tables to merge. A table follows all tables to which its foreign keys refer."""
@@ -41,18 +41,18 @@ class SiteStudy:
 
     name: str
     store: Store
-    rows: Mapping[str, Sequence[Row]]
-    head: hash_chain.Head
+    rows_by_table: Mapping[str, Sequence[Row]]
+    chain_head: hash_chain.ChainHead
 
     @property
-    def people(self) -> dict[int, str]:
+    def enrolment_times(self) -> dict[int, str]:
         """Enrolment times, by participant number. Number and time together identify a participant."""
-        return {row["number"]: row["enrolled_at"] for row in self.rows["participant"]}
+        return {row["number"]: row["enrolled_at"] for row in self.rows_by_table["participant"]}
 
     @property
-    def sites(self) -> set[str]:
+    def site_names(self) -> set[str]:
         """Names of the sites of all participants."""
-        return {self.name, *(row["site"] for row in self.rows["participant"] if row["site"])}
+        return {self.name, *(row["site"] for row in self.rows_by_table["participant"] if row["site"])}
 
 
 def read_site_study(store: Store) -> SiteStudy:
@@ -64,22 +64,22 @@ def read_site_study(store: Store) -> SiteStudy:
     name = store.design.site or store.folder.name
     if store.sites():
         raise StudyError(f"{store.folder} was merged from sites; merge these sites instead")
-    if not NAME.fullmatch(name):
+    if not NAME_PATTERN.fullmatch(name):
         raise StudyError(
             f"{store.folder}: {name!r} is not a valid site name; set `site` in study.toml to at most "
             "40 letters, digits, - and _"
         )
-    for where, what in store.database.faults():
+    for where, what in store.database.find_faults():
         raise StudyError(
             f"nothing was merged: {store.folder}: {where} {what}; run `avrgym study check {store.folder}`"
         )
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
-        source = SiteStudy(name, store, rows, hash_chain.head(connection))
+        source = SiteStudy(name, store, rows, hash_chain.chain_head(connection))
     most = max((row["number"] for table in ("participant", "tombstone") for row in rows[table]), default=0)
-    if most >= PEOPLE_PER_SITE:
+    if most >= PARTICIPANTS_PER_SITE:
         raise StudyError(
-            f"{store.folder} has {pseudonym_of(most)}; allowed: participant numbers up to {PEOPLE_PER_SITE - 1}"
+            f"{store.folder} has {pseudonym_of(most)}; allowed: participant numbers up to {PARTICIPANTS_PER_SITE - 1}"
         )
     return source
 
@@ -92,20 +92,20 @@ def _rows(connection: sa.Connection, table: sa.Table) -> list[dict[str, Any]]:
     return [{name: value for name, value in row.items() if name != "salt"} for row in rows]
 
 
-def check_distinct(sources: Sequence[SiteStudy]) -> None:
+def check_distinct_studies(sources: Sequence[SiteStudy]) -> None:
     """Raises ``StudyError`` if two studies are the same, or have the same site name."""
     for a, b in combinations(sources, 2):
         both = f"{a.store.folder} and {b.store.folder}"
-        twice = sorted(set(a.people.items()) & set(b.people.items()))
+        twice = sorted(set(a.enrolment_times.items()) & set(b.enrolment_times.items()))
         if a.store.folder == b.store.folder or twice:
             raise StudyError(f"{both} are the same site; list each site once")
-        if shared := sorted(a.sites & b.sites):
+        if shared := sorted(a.site_names & b.site_names):
             raise StudyError(
                 f"{both} have the same site {shared[0]!r}; set different values of `site` in their study.toml"
             )
 
 
-def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
+def check_site_continuation(source: SiteStudy, known: Sequence[Site], people: Sequence[Participant]) -> None:
     """Raises ``StudyError`` unless the site is new, or its study is a later state of the merged site.
 
     Args:
@@ -116,13 +116,13 @@ def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequenc
     before = next((site for site in known if site.name == source.name), None)
     others = [each for each in people if before is None or site_number_of(each.number) != before.number]
     for each in others:
-        if (each.site_number, each.enrolled_at) in source.people.items():
+        if (each.site_number, each.enrolled_at) in source.enrolment_times.items():
             raise StudyError(
                 f"{source.store.folder}: its {each.site_pseudonym} is in the merged study already, under another "
                 f"site; set `site` in its study.toml to that name ({', '.join(site.name for site in known)})"
             )
     taken = {each.site for each in others} | {site.name for site in known if site is not before}
-    if shared := sorted(source.sites & taken):
+    if shared := sorted(source.site_names & taken):
         raise StudyError(
             f"{source.store.folder}: the merged study has another site {shared[0]!r}; set a different `site` in "
             "its study.toml"
@@ -132,8 +132,8 @@ def check_continuation(source: SiteStudy, known: Sequence[Site], people: Sequenc
 
 
 def _check_not_set_back(source: SiteStudy, before: Site) -> None:
-    with source.store.database.read() as connection:
-        if hash_chain.missing_heads(connection, [hash_chain.Head(before.entries, before.digest)]):
+    with source.store.database.read_transaction() as connection:
+        if hash_chain.missing_heads(connection, [hash_chain.ChainHead(before.entries, before.digest)]):
             raise StudyError(
                 f"{source.store.folder}: the site {source.name!r} is another study than the merged one, or "
                 "an older copy of it: restore its latest copy, or merge into a new folder"

@@ -13,16 +13,16 @@ from avrgym.recording import answers_file
 from avrgym.study.merge.source_studies import MERGED_TABLES, Row, SiteStudy
 from avrgym.study.plan.frozen_plan import sha256
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.attempts import CHECKSUM_DIFFERS
+from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE
 from avrgym.study.storage.rows import RECORDINGS, participant_number, pseudonym_of
-from avrgym.study.storage.sites import merged_id, merged_participant_number
+from avrgym.study.storage.sites import merged_participant_number, merged_row_id
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
 
 _IN_RECORDINGS = re.compile(rf"{RECORDINGS}/(sub-[0-9]{{3,9}})/")
 
 
-def merged_path(text: str, site: int) -> str:
+def merged_recording_path(text: str, site: int) -> str:
     """Returns the path of a recording in the merged study. Text after the path, and other texts, are not changed.
 
     ``text``: text that begins with the path at the site. ``site``: number of the site.
@@ -35,7 +35,7 @@ def merged_path(text: str, site: int) -> str:
 
 
 @dataclass(frozen=True)
-class Recording:
+class SiteRecording:
     """A recording of a site.
 
     ``attempt``: attempt id at the site. ``participant``: participant number at the site. ``name``: path in the site's
@@ -43,58 +43,68 @@ class Recording:
     ``sha256``: expected checksum; ``None`` if the file may be missing.
     """
 
-    attempt: int
-    participant: int
-    name: str
-    source: Path | None
-    target: Path
+    attempt_id: int
+    participant_number: int
+    recording_path: str
+    source_path: Path | None
+    target_path: Path
     sha256: str | None
 
-    def is_transferred(self) -> bool:
+    def is_copied(self) -> bool:
         """Returns whether the merged study contains the recording with the correct checksum."""
-        return self.sha256 is not None and self.target.is_file() and _checksum(self.target) == self.sha256
+        return (
+            self.sha256 is not None
+            and self.target_path.is_file()
+            and _checksum(self.target_path) == self.sha256
+        )
 
-    def fault(self) -> str | None:
+    def find_copy_error(self) -> str | None:
         """Returns the reason why the recording cannot be copied; ``None`` if it can be copied.
 
         The message begins with the recording's name.
         """
-        if self.source is None:
-            return f"{self.name} is outside the study's recordings"
+        if self.source_path is None:
+            return f"{self.recording_path} is outside the study's recordings"
         if self.sha256 is None:
             return None
-        if not self.source.is_file():
-            return f"{self.name} is missing"
-        return None if _checksum(self.source) == self.sha256 else f"{self.name} {CHECKSUM_DIFFERS}"
+        if not self.source_path.is_file():
+            return f"{self.recording_path} is missing"
+        return (
+            None
+            if _checksum(self.source_path) == self.sha256
+            else f"{self.recording_path} {CHECKSUM_MISMATCH_MESSAGE}"
+        )
 
-    def copy(self) -> bool:
+    def copy_file(self) -> bool:
         """Copy the recording atomically. Returns whether the copy is new or differs from an earlier copy.
 
         Raises:
             StudyError: if the checksum is wrong.
         """
-        if self.source is None or not self.source.is_file():
+        if self.source_path is None or not self.source_path.is_file():
             return False
-        data = self.source.read_bytes()
+        data = self.source_path.read_bytes()
         if self.sha256 not in (None, sha256(data)):
-            raise StudyError(f"{self.name} {CHECKSUM_DIFFERS} while it was copied")
-        make_private_folder(self.target.parent)
-        late = answers_file.answers_path(self.source)
+            raise StudyError(f"{self.recording_path} {CHECKSUM_MISMATCH_MESSAGE} while it was copied")
+        make_private_folder(self.target_path.parent)
+        late = answers_file.answers_path(self.source_path)
         if late.is_file():
-            write_atomically(answers_file.answers_path(self.target), late.read_bytes(), PRIVATE_FILE)
-        if self.target.is_file() and self.target.read_bytes() == data:
+            write_atomically(
+                answers_file.answers_path(self.target_path), late.read_bytes(), PRIVATE_FILE_MODE
+            )
+        if self.target_path.is_file() and self.target_path.read_bytes() == data:
             return False
-        write_atomically(self.target, data, PRIVATE_FILE)
+        write_atomically(self.target_path, data, PRIVATE_FILE_MODE)
         return True
 
 
-def recordings_of(source: SiteStudy, site: int, folder: Path) -> Iterator[Recording]:
+def site_recordings(source: SiteStudy, site: int, folder: Path) -> Iterator[SiteRecording]:
     """Yields all recordings of a site. ``site``: number of the site. ``folder``: folder of the merged study."""
-    participants = {row["id"]: row["participant"] for row in source.rows["session"]}
-    for row in source.rows["attempt"]:
+    participants = {row["id"]: row["participant"] for row in source.rows_by_table["session"]}
+    for row in source.rows_by_table["attempt"]:
         name = row["recording"]
-        target = folder / merged_path(name, site)
-        yield Recording(
+        target = folder / merged_recording_path(name, site)
+        yield SiteRecording(
             row["id"],
             participants[row["session"]],
             name,
@@ -116,7 +126,7 @@ def _path(source: SiteStudy, name: str) -> Path | None:
     if not _IN_RECORDINGS.match(name) or ".." in name.split("/"):
         return None
     try:
-        return source.store.path(name)
+        return source.store.absolute_path(name)
     except StudyError:
         return None
 
@@ -125,23 +135,23 @@ def _checksum(path: Path) -> str:
     return sha256(path.read_bytes())
 
 
-Rows = Mapping[str, Mapping[int, Row]]
+RowsByTable = Mapping[str, Mapping[int, Row]]
 """Rows by table name and primary key."""
-_BY_NUMBER = (schema.PARTICIPANT, schema.TOMBSTONE)
+_BY_NUMBER = (schema.PARTICIPANT_TABLE, schema.TOMBSTONE_TABLE)
 _NAMING_RECORDINGS = {"attempt": "recording", "event": "detail"}
 
 
-def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, Rows]:
+def rows_by_participant(source: SiteStudy, site: int) -> Mapping[int | None, RowsByTable]:
     """Returns the rows of a site with their keys in the merged study, by participant number at the site.
 
     The key ``None`` contains rows without a participant, and log entries. Deleted participants are omitted.
     """
     found: dict[int | None, dict[str, dict[int, Row]]] = defaultdict(lambda: defaultdict(dict))
-    sessions = {row["id"]: row["participant"] for row in source.rows["session"]}
+    sessions = {row["id"]: row["participant"] for row in source.rows_by_table["session"]}
     for table in MERGED_TABLES:
-        for row in source.rows[table.name] if table is not schema.TOMBSTONE else ():
+        for row in source.rows_by_table[table.name] if table is not schema.TOMBSTONE_TABLE else ():
             moved = _moved(table, row, source, site)
-            participant = None if table is schema.LOG else _participant_of(row, sessions)
+            participant = None if table is schema.LOG_TABLE else _participant_of(row, sessions)
             found[participant][table.name][moved[hash_chain.primary_key(table).key]] = moved
     return found
 
@@ -159,12 +169,12 @@ def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
 def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
     """Returns the row with its keys in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
-    if table is schema.PARTICIPANT:
+    if table is schema.PARTICIPANT_TABLE:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}
-    if table is schema.LOG and row["participant"] is not None:
+    if table is schema.LOG_TABLE and row["participant"] is not None:
         moved["participant"] = merged_participant_number(site, row["participant"])
     if name := _NAMING_RECORDINGS.get(table.name):
-        moved[name] = merged_path(row[name], site)
+        moved[name] = merged_recording_path(row[name], site)
     return moved
 
 
@@ -177,10 +187,10 @@ def _moved_key(column: sa.Column[Any], value: Any, site: int) -> Any:
     tables = [key.column.table for key in column.foreign_keys] or [column.table] * column.primary_key
     if not tables or value is None:
         return value
-    return merged_participant_number(site, value) if tables[0] in _BY_NUMBER else merged_id(site, value)
+    return merged_participant_number(site, value) if tables[0] in _BY_NUMBER else merged_row_id(site, value)
 
 
-def store_rows(connection: sa.Connection, rows: Rows) -> int:
+def store_rows(connection: sa.Connection, rows: RowsByTable) -> int:
     """Write new and changed rows into the merged study. Returns the number of written rows."""
     written = 0
     for table in MERGED_TABLES:

@@ -12,11 +12,11 @@ from datetime import UTC, datetime, timedelta
 import msgspec
 
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.free_text import check_line, check_note
-from avrgym.study.storage.rows import AdverseEvent, Trial
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.free_text import check_note, check_single_line
+from avrgym.study.storage.rows import AdverseEventReport, Trial
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find, find_participant, record_event
+from avrgym.study.storage.store import Store, find_participant, find_row, record_event
 
 SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
 SERIOUSNESS = (
@@ -30,24 +30,24 @@ SERIOUSNESS = (
 )
 RELATEDNESS = ("unrelated", "unlikely", "possible", "probable", "definite")
 OUTCOMES = ("recovered", "recovering", "not recovered", "recovered with sequelae", "fatal", "unknown")
-SCALES = {
+RATING_SCALES = {
     "severity": SEVERITIES,
     "seriousness": SERIOUSNESS,
     "relatedness": RELATEDNESS,
     "outcome": OUTCOMES,
 }
 """Allowed values of each rating scale."""
-SOURCES = (
+SCALE_SOURCES = (
     "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
     "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is the intensity of an event; seriousness depends on "
     "its consequences."
 )
-SAFETY_EVENTS = ("stopped", "stop rule met", "controller failed")
+SAFETY_EVENT_NAMES = ("stopped", "stop rule met", "controller failed")
 """Events of a session that are listed next to adverse events, but are not adverse events."""
 _CLOCKS_DIFFER = timedelta(minutes=5)
 
 
-class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AdverseEventDetails(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A report of an adverse event.
 
     ``began_at``: start of the event, ISO 8601 with UTC offset. ``trial``: position of the trial.
@@ -68,15 +68,15 @@ class Report(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class AdverseEventHistory:
     """An adverse event: all its reports in order."""
 
-    reports: tuple[AdverseEvent, ...]
+    reports: tuple[AdverseEventReport, ...]
 
     @property
-    def number(self) -> int:
+    def event_number(self) -> int:
         """Number of the adverse event on the command line: the id of its first report."""
         return self.reports[0].id
 
     @property
-    def latest(self) -> AdverseEvent:
+    def latest_report(self) -> AdverseEventReport:
         """The latest report."""
         return self.reports[-1]
 
@@ -92,7 +92,12 @@ class SafetyEvent:
 
 
 def record_adverse_event(
-    store: Store, pseudonym: str, report: Report, *, follows: int | None = None, recorded_by: str = ""
+    store: Store,
+    pseudonym: str,
+    report: AdverseEventDetails,
+    *,
+    follows: int | None = None,
+    recorded_by: str = "",
 ) -> int:
     """Store a report of an adverse event. Returns the report's id.
 
@@ -108,27 +113,27 @@ def record_adverse_event(
             simulated participant.
     """
     _check(report)
-    check_line("the name", recorded_by)
-    with store.write() as connection:
+    check_single_line("the name", recorded_by)
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
             raise StudyError(f"{pseudonym} is simulated; allowed: a person")
         own = {"participant": participant.number}
         trial = None
         if report.trial is not None:
-            trial = find(
+            trial = find_row(
                 connection, Trial, f"trial {report.trial} of {pseudonym}", position=report.trial, **own
             ).id
         if follows is not None:
-            first = find(
-                connection, AdverseEvent, f"adverse event {follows} of {pseudonym}", id=follows, **own
+            first = find_row(
+                connection, AdverseEventReport, f"adverse event {follows} of {pseudonym}", id=follows, **own
             )
             follows = first.follows or first.id
         row = hash_chain.insert(
             connection,
-            schema.ADVERSE_EVENT,
+            schema.ADVERSE_EVENT_TABLE,
             **msgspec.structs.asdict(report) | own | {"trial": trial, "began_at": _utc(report.began_at)},
-            recorded_at=now(),
+            recorded_at=utc_timestamp(),
             recorded_by=recorded_by or None,
             follows=follows,
         )
@@ -137,9 +142,9 @@ def record_adverse_event(
     return row
 
 
-def group_by_event(reports: Iterable[AdverseEvent]) -> list[AdverseEventHistory]:
+def group_reports_by_event(reports: Iterable[AdverseEventReport]) -> list[AdverseEventHistory]:
     """Returns the adverse events with their reports, in the order of their first reports."""
-    events: dict[int, list[AdverseEvent]] = {}
+    events: dict[int, list[AdverseEventReport]] = {}
     for report in reports:
         events.setdefault(report.follows or report.id, []).append(report)
     return [AdverseEventHistory(tuple(own)) for own in events.values()]
@@ -151,16 +156,16 @@ def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
     positions = {trial.id: trial.position for trial in store.trials(pseudonym)}
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
     for event in store.events():
-        if event.participant == number and event.name in SAFETY_EVENTS:
+        if event.participant == number and event.name in SAFETY_EVENT_NAMES:
             yield SafetyEvent(event.at, trials.get(event.attempt or 0), event.name, event.detail)
 
 
-def _check(report: Report) -> None:
-    for name, scale in SCALES.items():
+def _check(report: AdverseEventDetails) -> None:
+    for name, scale in RATING_SCALES.items():
         if getattr(report, name) not in scale:
             raise StudyError(f"unknown {name} {getattr(report, name)!r}; allowed: {', '.join(scale)}")
     check_note(report.description, "the description")
-    check_line("the action", report.action)
+    check_single_line("the action", report.action)
     if datetime.fromisoformat(_utc(report.began_at)) > datetime.now(UTC) + _CLOCKS_DIFFER:
         raise StudyError(f"{report.began_at} is in the future; allowed: times in the past")
 

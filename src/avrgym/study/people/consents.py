@@ -10,11 +10,11 @@ import sqlalchemy as sa
 from avrgym.commands.respondents import PARTICIPANT
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import Consent, ConsentText, Participant, pseudonym_of
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.rows import ConsentRecord, ConsentText, Participant, pseudonym_of
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
-from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
+from avrgym.study.storage.store import Store, find_rows
+from avrgym.texts.interface_texts import InvalidTextsError, normalize_whitespace, read_texts
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class DisplayedConsentText:
 
 def consents_to_other_texts(
     shown: DisplayedConsentText,
-    consents: Iterable[Consent],
+    consents: Iterable[ConsentRecord],
     archive: Iterable[ConsentText],
     first_language: str,
-) -> list[Consent]:
+) -> list[ConsentRecord]:
     """Returns the consents that have the version and language of ``shown``, but another text. White space is ignored.
 
     ``first_language``: the language of consents without a stored language.
@@ -60,7 +60,7 @@ def store_consent(
     role: str,
     *,
     agreed: bool,
-) -> Consent:
+) -> ConsentRecord:
     """Store a consent decision, and add a new text to the archive. Returns the stored decision.
 
     ``role``: one of ``CONSENT_ROLES``.
@@ -68,23 +68,25 @@ def store_consent(
     Raises:
         StudyError: if a participant read another text with the same version and language.
     """
-    archive = find_all(connection, ConsentText)
-    others = consents_to_other_texts(shown, find_all(connection, Consent), archive, first_language)
+    archive = find_rows(connection, ConsentText)
+    others = consents_to_other_texts(shown, find_rows(connection, ConsentRecord), archive, first_language)
     if others:
         raise StudyError(
             f"{consenting_participants(others)} read another consent text with version {shown.version} "
             f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
-    at, sha256 = now(), _archived(connection, shown, archive)
+    at, sha256 = utc_timestamp(), _archived(connection, shown, archive)
     stored_role = None if role == PARTICIPANT else role
     row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
     key = hash_chain.insert(
-        connection, schema.CONSENT, participant=participant.number, role=stored_role, **row
+        connection, schema.CONSENT_TABLE, participant=participant.number, role=stored_role, **row
     )
-    return Consent(key, at, participant.number, agreed, shown.version, shown.language, sha256, stored_role)
+    return ConsentRecord(
+        key, at, participant.number, agreed, shown.version, shown.language, sha256, stored_role
+    )
 
 
-def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
+def is_consent_complete(decision: ConsentRecord, others: Iterable[ConsentRecord]) -> bool:
     """Returns whether a decision, together with the participant's ``others``, permits participation.
 
     The consent of a proxy needs the participant's assent, and the assent needs the consent of a proxy.
@@ -94,7 +96,7 @@ def is_complete(decision: Consent, others: Iterable[Consent]) -> bool:
     return decision.agreed and (missing is None or (bool(latest) and latest[-1].agreed))
 
 
-def missing_role(consents: Sequence[Consent], version: str) -> str:
+def missing_consent_role(consents: Sequence[ConsentRecord], version: str) -> str:
     """Returns the role that is missing (``proxy`` or ``assent``) if only the other role agreed to a version.
 
     Returns an empty text in all other cases.
@@ -104,14 +106,14 @@ def missing_role(consents: Sequence[Consent], version: str) -> str:
     return {"proxy": "assent", "assent": "proxy"}[given[0]] if len(given) == 1 else ""
 
 
-def describe(consent: Consent) -> str:
+def describe_consent(consent: ConsentRecord) -> str:
     """Returns a decision as text, without its time."""
     who = {"proxy": "consent of a representative", "assent": "assent of the participant"}
     named = who.get(consent.consent_role, "consent of the participant")
     return f"{named}, version {consent.version}: {'yes' if consent.agreed else 'no'}"
 
 
-def latest_consent(consents: Iterable[Consent], *, of_proxy: bool = False) -> RecordedConsent | None:
+def latest_consent(consents: Iterable[ConsentRecord], *, of_proxy: bool = False) -> RecordedConsent | None:
     """Returns the latest consent in the format of recordings; ``None`` without consent.
 
     ``of_proxy``: return the consent of a representative; otherwise the participant's own consent or assent.
@@ -133,25 +135,27 @@ def restore_consents(
     consents = {each.at: each for each in recorded}
     for _, each in sorted(consents.items()):
         values = msgspec.structs.asdict(each)
-        hash_chain.insert(connection, schema.CONSENT, participant=participant_number, agreed=True, **values)
+        hash_chain.insert(
+            connection, schema.CONSENT_TABLE, participant=participant_number, agreed=True, **values
+        )
         row = {"consented_at": each.at, "consent_version": each.version, "consent_sha256": each.sha256}
-        hash_chain.update(connection, schema.PARTICIPANT, participant_number, **row)
-        shown = current_text(store, each.language or "")
+        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant_number, **row)
+        shown = current_consent_text(store, each.language or "")
         if shown and (shown.version, shown.sha256) == (each.version, each.sha256):
-            _archived(connection, shown, find_all(connection, ConsentText))
+            _archived(connection, shown, find_rows(connection, ConsentText))
 
 
-def current_text(store: Store, language: str) -> DisplayedConsentText | None:
+def current_consent_text(store: Store, language: str) -> DisplayedConsentText | None:
     """Returns the design's consent text in a language; ``None`` if the language has no texts."""
     consent = store.design.consent
     try:
         text = read_texts(language, store.folder).translate(consent.text)
-    except TextsError:
+    except InvalidTextsError:
         return None
     return DisplayedConsentText(consent.version, language, text)
 
 
-def consenting_participants(consents: Iterable[Consent]) -> str:
+def consenting_participants(consents: Iterable[ConsentRecord]) -> str:
     """Returns the pseudonyms of the participants with these consents, as text without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 
@@ -163,5 +167,5 @@ def _archived(connection: sa.Connection, shown: DisplayedConsentText, archive: I
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):
             return kept.sha256
     row = {"version": shown.version, "language": shown.language, "text": shown.text}
-    hash_chain.insert(connection, schema.CONSENT_TEXT, at=now(), sha256=shown.sha256, **row)
+    hash_chain.insert(connection, schema.CONSENT_TEXT_TABLE, at=utc_timestamp(), sha256=shown.sha256, **row)
     return shown.sha256

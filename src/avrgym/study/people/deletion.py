@@ -5,21 +5,21 @@ import shutil
 import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, identity_file, schema
-from avrgym.study.storage.analysis_files import FOLDER, remove_analysis
-from avrgym.study.storage.database import BACKUPS
+from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER, remove_analysis
+from avrgym.study.storage.database import BACKUP_FOLDER
 from avrgym.study.storage.rows import (
     RECORDINGS,
+    DeletedParticipant,
     InvitationUse,
     Participant,
     StudySession,
-    Tombstone,
     participant_number,
 )
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.sessions import may_be_running
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all, find_participant
-from avrgym.study.storage.study_folder import used_numbers
+from avrgym.study.storage.store import Store, find_participant, find_rows
+from avrgym.study.storage.study_folder import used_participant_numbers
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
@@ -32,51 +32,60 @@ def delete_participant(store: Store, pseudonym: str) -> None:
         StudyError: for an unknown participant, or during an open session.
     """
     number = participant_number(pseudonym)
-    with store.database.write() as connection:
-        if not find_all(connection, Tombstone, number=number):
+    with store.database.write_transaction() as connection:
+        if not find_rows(connection, DeletedParticipant, number=number):
             simulated = _has_rows(store, connection, number) and _delete_rows(store, connection, pseudonym)
             hash_chain.insert(
-                connection, schema.TOMBSTONE, number=number, simulated=simulated, deleted_at=now()
+                connection,
+                schema.TOMBSTONE_TABLE,
+                number=number,
+                simulated=simulated,
+                deleted_at=utc_timestamp(),
             )
-        identity_file.remove_entry(store.folder, pseudonym)
-    with store.database.write():
-        store.database.participation.erase(number)
+        identity_file.remove_identity(store.folder, pseudonym)
+    with store.database.write_transaction():
+        store.database.participation.erase_participant(number)
     _remove(store, f"{RECORDINGS}/{pseudonym}")
-    _remove(store, BACKUPS)
-    remove_analysis(store.folder / FOLDER)
-    store.database.erase_traces()
+    _remove(store, BACKUP_FOLDER)
+    remove_analysis(store.folder / ANALYSIS_FOLDER)
+    store.database.erase_deleted_data()
 
 
 def _has_rows(store: Store, connection: sa.Connection, number: int) -> bool:
     """Returns whether rows must be deleted; false if only other files of the study contain the participant."""
-    return bool(find_all(connection, Participant, number=number)) or number not in used_numbers(store.folder)
+    return bool(find_rows(connection, Participant, number=number)) or number not in used_participant_numbers(
+        store.folder
+    )
 
 
 def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> bool:
     """Delete all rows about a participant. Returns whether the participant was simulated."""
     participant = find_participant(connection, pseudonym)
-    sessions = find_all(connection, StudySession, participant=participant.number)
+    sessions = find_rows(connection, StudySession, participant=participant.number)
     for session in sessions:
         if session.state == "open" and may_be_running(store, session):
             raise StudyError(f"{session} is open at {session.station}; close it before the deletion")
     number = participant.number
-    own = schema.SESSION.c.participant == number
-    visits = sa.select(schema.SESSION.c.id).where(own)
-    for use in find_all(connection, InvitationUse, participant=number):  # its place remains used
+    own = schema.SESSION_TABLE.c.participant == number
+    visits = sa.select(schema.SESSION_TABLE.c.id).where(own)
+    for use in find_rows(connection, InvitationUse, participant=number):  # its place remains used
         erased = {"participant": None, "service_study": None, "service_session": None}
         hash_chain.update(connection, schema.INVITATION_USE, use.id, **erased)
     for table, condition in (
-        (schema.NOTE, schema.NOTE.c.participant == number),
-        (schema.ADVERSE_EVENT, schema.ADVERSE_EVENT.c.participant == number),
-        (schema.CONSENT, schema.CONSENT.c.participant == number),
-        (schema.EVENT, sa.or_(schema.EVENT.c.participant == number, schema.EVENT.c.session.in_(visits))),
-        (schema.DESIGN, schema.DESIGN.c.participant == number),
-        (schema.ANSWER, schema.ANSWER.c.session.in_(visits)),
-        (schema.ATTEMPT, schema.ATTEMPT.c.session.in_(visits)),
-        (schema.TRIAL, schema.TRIAL.c.participant == number),
-        (schema.LINK, schema.LINK.c.session.in_(visits)),
-        (schema.SESSION, own),
-        (schema.PARTICIPANT, schema.PARTICIPANT.c.number == number),
+        (schema.NOTE_TABLE, schema.NOTE_TABLE.c.participant == number),
+        (schema.ADVERSE_EVENT_TABLE, schema.ADVERSE_EVENT_TABLE.c.participant == number),
+        (schema.CONSENT_TABLE, schema.CONSENT_TABLE.c.participant == number),
+        (
+            schema.EVENT_TABLE,
+            sa.or_(schema.EVENT_TABLE.c.participant == number, schema.EVENT_TABLE.c.session.in_(visits)),
+        ),
+        (schema.DESIGN_TABLE, schema.DESIGN_TABLE.c.participant == number),
+        (schema.ANSWER_TABLE, schema.ANSWER_TABLE.c.session.in_(visits)),
+        (schema.ATTEMPT_TABLE, schema.ATTEMPT_TABLE.c.session.in_(visits)),
+        (schema.TRIAL_TABLE, schema.TRIAL_TABLE.c.participant == number),
+        (schema.LINK_TABLE, schema.LINK_TABLE.c.session.in_(visits)),
+        (schema.SESSION_TABLE, own),
+        (schema.PARTICIPANT_TABLE, schema.PARTICIPANT_TABLE.c.number == number),
     ):
         hash_chain.delete(connection, table, condition)
     return participant.simulated

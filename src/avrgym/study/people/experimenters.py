@@ -6,16 +6,16 @@ import threading
 from contextlib import suppress
 from typing import Self
 
-from avrgym.study.design.validation import NAME
+from avrgym.study.design.validation import NAME_PATTERN
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.audit_log import SHARED_TOKEN_NAME
+from avrgym.study.storage.audit_log import UNNAMED_PERSON
 from avrgym.study.storage.rows import Experimenter
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 
 TOKEN_BYTES = 16
-REFRESH_S = 1.0
+TOKEN_REFRESH_INTERVAL_S = 1.0
 """Interval in seconds at which a server reads the tokens. A revoked token becomes invalid within this time."""
 
 
@@ -25,39 +25,39 @@ def add_experimenter(store: Store, name: str) -> str:
     Raises:
         StudyError: for an invalid name, or if the experimenter already has a token.
     """
-    if not NAME.fullmatch(name) or name == SHARED_TOKEN_NAME:
+    if not NAME_PATTERN.fullmatch(name) or name == UNNAMED_PERSON:
         raise StudyError(
-            f"{name!r} is not a valid name; allowed: at most 40 letters, digits, - and _, but not {SHARED_TOKEN_NAME}"
+            f"{name!r} is not a valid name; allowed: at most 40 letters, digits, - and _, but not {UNNAMED_PERSON}"
         )
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    with store.database.write() as connection:
-        if any(each.name == name for each in find_all(connection, Experimenter, revoked_at=None)):
+    with store.database.write_transaction() as connection:
+        if any(each.name == name for each in find_rows(connection, Experimenter, revoked_at=None)):
             raise StudyError(
                 f"{name} has a token already; revoke it first with `avrgym study revoke-experimenter`"
             )
-        row = {"name": name, "token_sha256": _sha256(token), "created_at": now()}
-        hash_chain.insert(connection, schema.EXPERIMENTER, **row)
+        row = {"name": name, "token_sha256": _sha256(token), "created_at": utc_timestamp()}
+        hash_chain.insert(connection, schema.EXPERIMENTER_TABLE, **row)
     return token
 
 
 def revoke_experimenter(store: Store, name: str) -> None:
     """Revoke the token of an experimenter. Raises ``StudyError`` if the experimenter has no token."""
-    with store.database.write() as connection:
-        valid = find_all(connection, Experimenter, revoked_at=None)
+    with store.database.write_transaction() as connection:
+        valid = find_rows(connection, Experimenter, revoked_at=None)
         own = [each for each in valid if each.name == name]
         if not own:
             names = ", ".join(each.name for each in valid) or "nobody"
             raise StudyError(f"{name!r} has no token; experimenters with a token: {names}")
-        hash_chain.update(connection, schema.EXPERIMENTER, own[0].id, revoked_at=now())
+        hash_chain.update(connection, schema.EXPERIMENTER_TABLE, own[0].id, revoked_at=utc_timestamp())
 
 
 def list_experimenters(store: Store) -> list[Experimenter]:
     """Returns all experimenters in the order of creation, including those with a revoked token."""
-    with store.database.read() as connection:
-        return find_all(connection, Experimenter)
+    with store.database.read_transaction() as connection:
+        return find_rows(connection, Experimenter)
 
 
-class Experimenters:
+class ExperimenterTokens:
     """Context manager that finds the experimenter of a valid token. A thread reads all valid tokens every second."""
 
     def __init__(self, store: Store) -> None:
@@ -66,7 +66,7 @@ class Experimenters:
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
 
-    def name_of(self, token: str) -> str | None:
+    def experimenter_name(self, token: str) -> str | None:
         """Returns the name of the experimenter with this token; ``None`` for an invalid token."""
         return self._names.get(_sha256(token))
 
@@ -85,7 +85,7 @@ class Experimenters:
         self._thread.join()
 
     def _run(self) -> None:
-        while not self._closed.wait(REFRESH_S):
+        while not self._closed.wait(TOKEN_REFRESH_INTERVAL_S):
             with suppress(StudyError):  # other operations report an unreadable database
                 self.refresh()
 

@@ -2,14 +2,20 @@
 
 import msgspec
 
-from avrgym.study.design.functioning import DECLINED, DEVICES, LEVELS, NONE, QUESTIONS
+from avrgym.study.design.functioning import (
+    ASSISTIVE_DEVICES,
+    DECLINED,
+    DIFFICULTY_LEVELS,
+    FUNCTIONING_QUESTIONS,
+    NONE,
+)
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.free_text import check_line
+from avrgym.study.storage.free_text import check_single_line
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
 
 
-class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class FunctioningAnswers(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A participant's answers: a level for each question, numbers of device classes, and a diagnosis as free text."""
 
     levels: dict[str, str]
@@ -17,7 +23,7 @@ class Functioning(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     diagnosis: str = ""
 
 
-def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> None:
+def record_functioning(store: Store, pseudonym: str, answers: FunctioningAnswers) -> None:
     """Store a participant's answers. They replace earlier answers.
 
     Raises:
@@ -29,32 +35,32 @@ def record_functioning(store: Store, pseudonym: str, answers: Functioning) -> No
             "the study has no questions about functioning; set ask_functioning = true in study.toml"
         )
     _check(answers)
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
             raise StudyError(f"{pseudonym} is simulated; allowed: a person")
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; record the consent first")
         given = msgspec.to_builtins(answers)
-        hash_chain.update(connection, schema.PARTICIPANT, participant.number, functioning=given)
+        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, functioning=given)
         record_event(connection, "functioning recorded", "", {"participant": participant.number})
 
 
-def _check(answers: Functioning) -> None:
-    if set(answers.levels) != set(QUESTIONS):
+def _check(answers: FunctioningAnswers) -> None:
+    if set(answers.levels) != set(FUNCTIONING_QUESTIONS):
         raise StudyError(
-            f"each question needs an answer or {DECLINED!r}; the questions are {', '.join(QUESTIONS)}"
+            f"each question needs an answer or {DECLINED!r}; the questions are {', '.join(FUNCTIONING_QUESTIONS)}"
         )
     for question, level in answers.levels.items():
-        if level not in LEVELS:
-            raise StudyError(f"{question} is {level!r}; allowed: {', '.join(LEVELS)}")
+        if level not in DIFFICULTY_LEVELS:
+            raise StudyError(f"{question} is {level!r}; allowed: {', '.join(DIFFICULTY_LEVELS)}")
     for device in answers.devices:
-        if device not in DEVICES:
-            raise StudyError(f"unknown device class {device!r}; allowed: {', '.join(DEVICES)}")
+        if device not in ASSISTIVE_DEVICES:
+            raise StudyError(f"unknown device class {device!r}; allowed: {', '.join(ASSISTIVE_DEVICES)}")
     alone = {NONE, DECLINED} & set(answers.devices)
     if alone and len(answers.devices) > 1:
         answer = alone.pop()
         raise StudyError(
             f"devices contains {answer!r} and other answers; allowed: {answer!r} alone, or one or more device classes"
         )
-    check_line("the diagnosis", answers.diagnosis)
+    check_single_line("the diagnosis", answers.diagnosis)

@@ -1,9 +1,9 @@
 """A participant's own wheelchair and bed: stored as events, used in all sessions of the participant."""
 
 from avrgym.models.furniture.real_furniture import RealFurniture
-from avrgym.study.storage.store import Store, latest_value, record_value
+from avrgym.study.storage.store import Store, latest_event_value, record_event_value
 
-FURNITURE_MEASURED = "own furniture measured"
+FURNITURE_MEASURED_EVENT = "own furniture measured"
 """Name of the event that stores a participant's own furniture. The latest event applies."""
 
 
@@ -13,8 +13,8 @@ def record_furniture(store: Store, pseudonym: str, furniture: RealFurniture) -> 
     Raises:
         StudyError: for an unknown participant.
     """
-    with store.write() as connection:
-        record_value(connection, pseudonym, FURNITURE_MEASURED, furniture)
+    with store.write_transaction() as connection:
+        record_event_value(connection, pseudonym, FURNITURE_MEASURED_EVENT, furniture)
 
 
 def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
@@ -23,4 +23,4 @@ def furniture_of(store: Store, pseudonym: str) -> RealFurniture | None:
     Raises:
         StudyError: if the stored dimensions are damaged.
     """
-    return latest_value(store, pseudonym, FURNITURE_MEASURED, RealFurniture)
+    return latest_event_value(store, pseudonym, FURNITURE_MEASURED_EVENT, RealFurniture)

@@ -11,11 +11,13 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
 
-class PossibleDuplicate(StudyError):
+class PossibleDuplicateError(StudyError):
     """Error: the person may already be enrolled. The message contains pseudonyms and no names."""
 
 
-def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = "") -> str:
+def check_duplicate_enrolment(
+    folder: Path, identity: Identity, *, confirmed: bool, pseudonym: str = ""
+) -> str:
     """Check that no other participant has the same name or contact.
 
     Args:
@@ -39,14 +41,16 @@ def check_duplicate(folder: Path, identity: Identity, *, confirmed: bool, pseudo
         if other != pseudonym and may_be_same_person(known, identity)
     )
     if duplicates and not confirmed:
-        raise PossibleDuplicate(
+        raise PossibleDuplicateError(
             f"{duplicates} has the same name or contact. Nothing was stored, because each person takes part once. If "
             "this is another person, use --confirm-duplicate or confirm it on the dashboard"
         )
     return duplicates and f"confirmed as another person than {duplicates}"
 
 
-def possible_duplicates(key: Mapping[str, Identity], pseudonyms: Iterable[str]) -> Iterator[tuple[str, str]]:
+def possible_duplicate_pairs(
+    key: Mapping[str, Identity], pseudonyms: Iterable[str]
+) -> Iterator[tuple[str, str]]:
     """Yields the pairs of pseudonyms that may belong to the same person."""
     for first, second in combinations(sorted(set(pseudonyms) & set(key)), 2):
         if may_be_same_person(key[first], key[second]):
@@ -94,11 +98,11 @@ def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None)
     passphrase = new_passphrase() if new_passphrase is not None else None
     if passphrase is not None:
         identity_keys.check_passphrase(passphrase)
-    with store.write():  # the lock also protects the identity file
+    with store.write_transaction():  # the lock also protects the identity file
         present = identity_file.read_identities(store.folder)
-        was_plain = identity_file.plain_path(store.folder) is not None
+        was_plain = identity_file.unencrypted_path(store.folder) is not None
         if passphrase is not None:
             identity_keys.set_passphrase(store.folder, passphrase)
         lock = identity_keys.new_key_source(passphrase=passphrase is not None)
-        identity_file.encrypt_names(store.folder, lock, present)
+        identity_file.encrypt_identity_file(store.folder, lock, present)
     return was_plain

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.input_profile import InputProfile, InputProfileError, read_profile
+from avrgym.recording.input_profile import InputProfile, InputProfileError, profile_from_table
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
@@ -14,7 +14,7 @@ from avrgym.study.storage.store import Store, find_participant, record_event
 def parse_profile(values: Mapping[str, Any]) -> InputProfile:
     """Returns the input profile with these values. Raises ``StudyError`` for invalid values or combinations."""
     try:
-        return read_profile(values)
+        return profile_from_table(values)
     except InputProfileError as error:
         raise StudyError(str(error)) from None
 
@@ -23,9 +23,9 @@ def set_input_profile(
     store: Store, pseudonym: str, profile: InputProfile, session: int | None = None
 ) -> None:
     """Store a participant's input profile. It replaces the earlier one. ``session``: the id of the running session."""
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         values = msgspec.to_builtins(profile)
-        hash_chain.update(connection, schema.PARTICIPANT, participant.number, input_profile=values)
+        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, input_profile=values)
         subject = {"participant": participant.number} | ({} if session is None else {"session": session})
         record_event(connection, "input changed", profile.describe(), subject)

@@ -15,15 +15,15 @@ from datetime import UTC, datetime, timedelta
 import sqlalchemy as sa
 
 from avrgym.models.human import Sex
-from avrgym.study.design.validation import NAME
-from avrgym.study.people.identities import PossibleDuplicate
-from avrgym.study.people.participants import enrol
+from avrgym.study.design.validation import NAME_PATTERN
+from avrgym.study.people.identities import PossibleDuplicateError
+from avrgym.study.people.participants import enrol_participant
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.free_text import check_line
+from avrgym.study.storage.free_text import check_single_line
 from avrgym.study.storage.rows import Invitation, InvitationUse, participant_number, pseudonym_of
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find, find_all
+from avrgym.study.storage.store import Store, find_row, find_rows
 
 TOKEN_BYTES = 16
 MAX_PLACES = 1_000_000
@@ -96,12 +96,12 @@ def create_invitations(
         raise StudyError(f"an invitation has {places} places; allowed: 1 to {MAX_PLACES}")
     named = [label for label in labels if label]
     for label in named:
-        if not NAME.fullmatch(label):
+        if not NAME_PATTERN.fullmatch(label):
             raise StudyError(f"{label!r} is not a valid label; allowed: at most 40 letters, digits, - and _")
     expires_at = (datetime.now(UTC) + timedelta(days=days)).isoformat(timespec="microseconds")
     created: list[NewInvitation] = []
-    with store.write() as connection:
-        known = [each.label for each in find_all(connection, Invitation)]
+    with store.write_transaction() as connection:
+        known = [each.label for each in find_rows(connection, Invitation)]
         for label in named:
             if named.count(label) > 1 or label in known:
                 raise StudyError(f"label {label} is used twice; allowed: a unique label for each invitation")
@@ -110,7 +110,7 @@ def create_invitations(
             key = hash_chain.insert(
                 connection,
                 schema.INVITATION,
-                created_at=now(),
+                created_at=utc_timestamp(),
                 sha256=token_sha256(token),
                 label=label or None,
                 expires_at=expires_at,
@@ -122,8 +122,8 @@ def create_invitations(
 
 def list_invitations(store: Store) -> list[InvitationSummary]:
     """Returns all invitations in the order of creation."""
-    with store.database.read() as connection:
-        uses = [use.invitation for use in find_all(connection, InvitationUse)]
+    with store.database.read_transaction() as connection:
+        uses = [use.invitation for use in find_rows(connection, InvitationUse)]
         return [
             InvitationSummary(
                 each.id,
@@ -133,18 +133,18 @@ def list_invitations(store: Store) -> list[InvitationSummary]:
                 uses.count(each.id),
                 _refusal(each, uses.count(each.id)) or "open",
             )
-            for each in find_all(connection, Invitation)
+            for each in find_rows(connection, Invitation)
         ]
 
 
 def close_invitation(store: Store, invitation: int) -> None:
     """Close an invitation: nobody can enrol with it. Raises ``StudyError`` for an unknown id."""
-    with store.write() as connection:
-        if not find_all(connection, Invitation, id=invitation):
+    with store.write_transaction() as connection:
+        if not find_rows(connection, Invitation, id=invitation):
             raise StudyError(
                 f"there is no invitation {invitation}; `avrgym study invitations` lists all invitations"
             )
-        hash_chain.update(connection, schema.INVITATION, invitation, closed_at=now())
+        hash_chain.update(connection, schema.INVITATION, invitation, closed_at=utc_timestamp())
 
 
 def check_invitation(store: Store, token: str) -> Invitation:
@@ -153,7 +153,7 @@ def check_invitation(store: Store, token: str) -> Invitation:
     Raises:
         InvitationError: if it is unknown, expired or closed, or has no free place.
     """
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         return _usable(connection, token)
 
 
@@ -176,11 +176,11 @@ def enrol_invited(
         StudyError: see ``enrol``. The invitation is then not used.
     """
     for what, value in (("study id", service.study), ("session id", service.session)):
-        check_line(f"the {what}", value)
+        check_single_line(f"the {what}", value)
     with _enrolling:
         check_invitation(store, token)
         try:
-            pseudonym = enrol(
+            pseudonym = enrol_participant(
                 store,
                 sex,
                 age_years=age_years,
@@ -188,16 +188,16 @@ def enrol_invited(
                 contact="" if simulated else service.participant,
                 simulated=simulated,
             )
-        except PossibleDuplicate:
+        except PossibleDuplicateError:
             raise InvitationError("duplicate", "this person takes part in the study already") from None
         own = secrets.token_urlsafe(TOKEN_BYTES)
-        with store.write() as connection:
+        with store.write_transaction() as connection:
             hash_chain.insert(
                 connection,
                 schema.INVITATION_USE,
                 invitation=_usable(connection, token).id,
                 participant=participant_number(pseudonym),
-                at=now(),
+                at=utc_timestamp(),
                 sha256=token_sha256(own),
                 service_study=service.study or None,
                 service_session=service.session or None,
@@ -207,8 +207,8 @@ def enrol_invited(
 
 def participant_of_token(store: Store, token: str) -> str | None:
     """Returns the pseudonym of the participant with this own token; ``None`` for an unknown token."""
-    with store.database.read() as connection:
-        uses = find_all(connection, InvitationUse, sha256=token_sha256(token))
+    with store.database.read_transaction() as connection:
+        uses = find_rows(connection, InvitationUse, sha256=token_sha256(token))
     number = uses[0].participant if uses else None
     return None if number is None else pseudonym_of(number)
 
@@ -219,8 +219,8 @@ def replace_token(store: Store, pseudonym: str) -> str:
     Raises ``StudyError`` for a participant without an invitation.
     """
     own = secrets.token_urlsafe(TOKEN_BYTES)
-    with store.write() as connection:
-        use = find(
+    with store.write_transaction() as connection:
+        use = find_row(
             connection,
             InvitationUse,
             f"invitation of {pseudonym}",
@@ -231,10 +231,10 @@ def replace_token(store: Store, pseudonym: str) -> str:
 
 
 def _usable(connection: sa.Connection, token: str) -> Invitation:
-    found = find_all(connection, Invitation, sha256=token_sha256(token))
+    found = find_rows(connection, Invitation, sha256=token_sha256(token))
     if not found:
         raise InvitationError("unknown", "this invitation is unknown; open the link again as you received it")
-    used = len(find_all(connection, InvitationUse, invitation=found[0].id))
+    used = len(find_rows(connection, InvitationUse, invitation=found[0].id))
     reason = _refusal(found[0], used)
     if reason:
         raise InvitationError(reason, _MESSAGES[reason])

@@ -12,34 +12,44 @@ from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
 from avrgym.study.design.design import Design
-from avrgym.study.design.validation import NAME
-from avrgym.study.people.consents import DisplayedConsentText, is_complete, restore_consents, store_consent
-from avrgym.study.people.identities import check_duplicate
+from avrgym.study.design.validation import NAME_PATTERN
+from avrgym.study.people.consents import (
+    DisplayedConsentText,
+    is_consent_complete,
+    restore_consents,
+    store_consent,
+)
+from avrgym.study.people.identities import check_duplicate_enrolment
 from avrgym.study.storage import hash_chain, identity_file, schema
-from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED
-from avrgym.study.storage.free_text import check_line, check_note
-from avrgym.study.storage.rows import Consent, Note, Participant, StudySession, pseudonym_of
-from avrgym.study.storage.schema import now
-from avrgym.study.storage.sessions import check_consent, end_open_sessions, has_finished
-from avrgym.study.storage.states import PARTICIPATING, UNKNOWN, StudyError, check_transition
+from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED_EVENT
+from avrgym.study.storage.free_text import check_note, check_single_line
+from avrgym.study.storage.rows import ConsentRecord, ExperimenterNote, Participant, StudySession, pseudonym_of
+from avrgym.study.storage.schema import utc_timestamp
+from avrgym.study.storage.sessions import check_consent_version, end_open_sessions, has_completed_study
+from avrgym.study.storage.states import (
+    PARTICIPATING_STATES,
+    UNKNOWN_PARTICIPATION,
+    StudyError,
+    check_transition,
+)
 from avrgym.study.storage.store import (
     Store,
     change_state,
-    find_all,
     find_participant,
+    find_rows,
     record_event,
     store_design,
 )
-from avrgym.study.storage.study_folder import used_numbers
-from avrgym.texts.interface_texts import Texts, TextsError, read_texts
+from avrgym.study.storage.study_folder import used_participant_numbers
+from avrgym.texts.interface_texts import InterfaceTexts, InvalidTextsError, read_texts
 
 RECONSENT_EVENT = "participant consented again"
 """Name of the event of a consent to a new version of the text."""
-CONSENT_INCOMPLETE = "consent incomplete"
+CONSENT_INCOMPLETE_EVENT = "consent incomplete"
 """Name of the event of a proxy consent without assent, or of an assent without proxy consent."""
 
 
-def enrol(
+def enrol_participant(
     store: Store,
     sex: Sex,
     *,
@@ -75,18 +85,18 @@ def enrol(
     if simulated and (name or contact):
         raise StudyError("a simulated participant cannot have a name or contact")
     _check_identity(name, contact)
-    if site and not NAME.fullmatch(site):
+    if site and not NAME_PATTERN.fullmatch(site):
         raise StudyError(f"{site!r} is not a valid site; allowed: at most 40 letters, digits, - and _")
     identity = identity_file.Identity(name, contact)
-    with store.write() as connection:
-        confirmation = check_duplicate(store.folder, identity, confirmed=confirm_duplicate)
+    with store.write_transaction() as connection:
+        confirmation = check_duplicate_enrolment(store.folder, identity, confirmed=confirm_duplicate)
         if name or contact:
-            identity_file.create_if_missing(store.folder)
+            identity_file.create_identity_file(store.folder)
         number = _next_number(store, connection)
         pseudonym = pseudonym_of(number)
         hash_chain.insert(
             connection,
-            schema.PARTICIPANT,
+            schema.PARTICIPANT_TABLE,
             number=number,
             state="enrolled",
             simulated=simulated,
@@ -95,12 +105,12 @@ def enrol(
             age_years=age_years,
             language=language or languages[0],
             input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
-            enrolled_at=now(),
+            enrolled_at=utc_timestamp(),
         )
         record_event(connection, "participant enrolled", confirmation, {"participant": number})
     if name or contact:
-        with store.write():  # after the commit: a crash leaves no name without a participant
-            identity_file.write_entry(store.folder, pseudonym, identity)
+        with store.write_transaction():  # after the commit: a crash leaves no name without a participant
+            identity_file.write_identity(store.folder, pseudonym, identity)
     return pseudonym
 
 
@@ -116,21 +126,21 @@ def set_identity(
     """
     _check_identity(name, contact)
     identity = identity_file.Identity(name, contact)
-    with store.write() as connection:  # the lock also protects the identity file
+    with store.write_transaction() as connection:  # the lock also protects the identity file
         number = find_participant(connection, pseudonym).number
-        confirmation = check_duplicate(
+        confirmation = check_duplicate_enrolment(
             store.folder, identity, confirmed=confirm_duplicate, pseudonym=pseudonym
         )
         if confirmation:
             record_event(connection, "identity corrected", confirmation, {"participant": number})
-        identity_file.write_entry(store.folder, pseudonym, identity)
+        identity_file.write_identity(store.folder, pseudonym, identity)
 
 
-def participant_texts(store: Store, participant: Participant) -> Texts:
+def participant_texts(store: Store, participant: Participant) -> InterfaceTexts:
     """Returns the texts in the participant's language. Raises ``StudyError`` if this language has no texts."""
     try:
         return read_texts(participant.language or store.design.languages[0], store.folder)
-    except TextsError as error:
+    except InvalidTextsError as error:
         raise StudyError(str(error)) from None
 
 
@@ -152,18 +162,18 @@ def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> boo
         StudyError: if the state does not allow consent, or if a participant read another text with the same
             version.
     """
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         again = participant.must_reconsent(store.design.consent.version)
         if not again:
             check_transition("participant", pseudonym, participant.state, "consented")
-        before = find_all(connection, Consent, participant=participant.number)
+        before = find_rows(connection, ConsentRecord, participant=participant.number)
         given = _store_consent(store, connection, participant, role, agreed=True)
         about, detail = {"participant": participant.number}, f"version {given.version}"
         if given.role is not None:
             detail = f"{given.role}, {detail}"
-        if not is_complete(given, before):
-            record_event(connection, CONSENT_INCOMPLETE, detail, about)
+        if not is_consent_complete(given, before):
+            record_event(connection, CONSENT_INCOMPLETE_EVENT, detail, about)
             return False
         values = {
             "consented_at": given.at,
@@ -171,7 +181,7 @@ def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> boo
             "consent_sha256": given.sha256,
         }
         if again:
-            hash_chain.update(connection, schema.PARTICIPANT, participant.number, **values)
+            hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, **values)
             record_event(connection, RECONSENT_EVENT, detail, about)
         else:
             change_state(connection, participant, "consented", about, detail, **values)
@@ -186,7 +196,7 @@ def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> No
     Raises:
         StudyError: if no re-consent is necessary. A new participant can decline to assent without an error.
     """
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         dissents = role == "assent" and participant.state == "enrolled"
         if not dissents and not participant.must_reconsent(store.design.consent.version):
@@ -197,7 +207,7 @@ def decline_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> No
 
 def _store_consent(
     store: Store, connection: sa.Connection, participant: Participant, role: str, *, agreed: bool
-) -> Consent:
+) -> ConsentRecord:
     if role not in CONSENT_ROLES:
         raise StudyError(f"unknown role {role!r} of a consent; allowed: {', '.join(CONSENT_ROLES)}")
     shown = consent_text(store, participant)
@@ -219,9 +229,9 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
             f"each question needs an answer true or false; the questions are {', '.join(questions)}"
         )
     fits = all(answers[question] == required for question, required in questions.items())
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
-        check_consent(store, participant)
+        check_consent_version(store, participant)
         about, given = {"participant": participant.number}, dict(answers)
         if not fits:
             change_state(connection, participant, "excluded", about, inclusion=given)
@@ -239,8 +249,8 @@ def withdraw(store: Store, pseudonym: str, reason: str = "") -> None:
     Raises:
         StudyError: if the reason is too long, or if the state does not allow a withdrawal.
     """
-    check_line("the reason", reason)
-    with store.write() as connection:
+    check_single_line("the reason", reason)
+    with store.write_transaction() as connection:
         _withdraw(store, connection, find_participant(connection, pseudonym), reason)
 
 
@@ -257,25 +267,25 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
     Raises:
         StudyError: for empty or too long evidence, or for a participant with a known state.
     """
-    check_line("the evidence", evidence)
+    check_single_line("the evidence", evidence)
     if not evidence.strip():
         raise StudyError('evidence is empty; allowed: text such as "consent form of 3 May in folder 2"')
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
-        if participant.state != UNKNOWN or participant.cell is None:
+        if participant.state != UNKNOWN_PARTICIPATION or participant.cell is None:
             order = "" if participant.cell is not None else " and has no order of trials"
             raise StudyError(
                 f"{participant} is {participant.state}{order}; allowed: a participant with unknown state and an "
                 "order of trials, after a rebuild of the database"
             )
-        after = "completed" if has_finished(store, connection, participant) else "allocated"
+        after = "completed" if has_completed_study(store, connection, participant) else "allocated"
         about = {"participant": participant.number}
         change_state(connection, participant, after, about)
         if participant.consented_at is None:
             restore_consents(
                 store, connection, participant.number, [RecordedConsent(participant.enrolled_at)]
             )
-        record_event(connection, PARTICIPATION_CONFIRMED, evidence, about)
+        record_event(connection, PARTICIPATION_CONFIRMED_EVENT, evidence, about)
     return after
 
 
@@ -286,13 +296,13 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
         StudyError: for an empty or too long note, or for a session of another participant.
     """
     check_note(text)
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
-        own = find_all(connection, StudySession, participant=participant.number)
+        own = find_rows(connection, StudySession, participant=participant.number)
         if session is not None and session not in {visit.id for visit in own}:
             raise StudyError(f"session {session} is not a session of {participant}")
-        note = {"at": now(), "participant": participant.number, "session": session, "text": text}
-        hash_chain.insert(connection, schema.NOTE, **note)
+        note = {"at": utc_timestamp(), "participant": participant.number, "session": session, "text": text}
+        hash_chain.insert(connection, schema.NOTE_TABLE, **note)
 
 
 def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
@@ -302,23 +312,23 @@ def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
         StudyError: for an empty or too long note, or for a note about another participant.
     """
     check_note(text)
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
-        if not find_all(connection, Note, id=note_id, participant=participant.number):
+        if not find_rows(connection, ExperimenterNote, id=note_id, participant=participant.number):
             raise StudyError(f"{pseudonym} has no note {note_id}")
-        hash_chain.update(connection, schema.NOTE, note_id, text=text)
+        hash_chain.update(connection, schema.NOTE_TABLE, note_id, text=text)
         record_event(connection, "note changed", f"note {note_id}", {"participant": participant.number})
 
 
 def _check_identity(name: str, contact: str) -> None:
-    check_line("the name", name)
-    check_line("the contact", contact)
+    check_single_line("the name", name)
+    check_single_line("the contact", contact)
 
 
 def _next_number(store: Store, connection: sa.Connection) -> int:
     """Returns the next participant number. It is not in the identity file, participation list or recordings."""
-    taken = used_numbers(store.folder)
-    for table in (schema.PARTICIPANT, schema.TOMBSTONE):
+    taken = used_participant_numbers(store.folder)
+    for table in (schema.PARTICIPANT_TABLE, schema.TOMBSTONE_TABLE):
         taken.add(connection.execute(sa.select(sa.func.max(table.c.number))).scalar() or 0)
     return max(taken) + 1
 
@@ -329,8 +339,8 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
     People and simulated participants are balanced separately.
     """
     taken: dict[bool, list[int]] = {True: [], False: []}
-    for other in find_all(connection, Participant, simulated=participant.simulated):
-        if other.state in PARTICIPATING and other.cell is not None:
+    for other in find_rows(connection, Participant, simulated=participant.simulated):
+        if other.state in PARTICIPATING_STATES and other.cell is not None:
             taken[other.site == participant.site].append(other.cell)
     return least_filled_cell(cell_fill_order(design, participant.site), taken[True], taken[False])
 
@@ -338,4 +348,6 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
 def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:
     number = participant.number
     for trial in plan_trials(design, cell, number, participant.site):
-        hash_chain.insert(connection, schema.TRIAL, **asdict(trial), participant=number, state="planned")
+        hash_chain.insert(
+            connection, schema.TRIAL_TABLE, **asdict(trial), participant=number, state="planned"
+        )

@@ -1,10 +1,10 @@
 """Preferences of participants for the robot: stored as events, applied in the conditions that allow them."""
 
-from avrgym.commands.preferences import AppliedRules, Preferences, apply_preferences
+from avrgym.commands.preferences import Preferences, TrialRules, apply_preferences
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, latest_value, record_value
+from avrgym.study.storage.store import Store, latest_event_value, record_event_value
 
-PREFERENCES_RECORDED = "preferences recorded"
+PREFERENCES_RECORDED_EVENT = "preferences recorded"
 """Name of the event that stores a participant's preferences. The latest event applies."""
 
 
@@ -20,8 +20,8 @@ def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -
             apply_preferences(rules, preferences)
         except ValueError as error:
             raise StudyError(f"the preferences contradict the condition {name}: {error}") from error
-    with store.write() as connection:
-        record_value(connection, pseudonym, PREFERENCES_RECORDED, preferences)
+    with store.write_transaction() as connection:
+        record_event_value(connection, pseudonym, PREFERENCES_RECORDED_EVENT, preferences)
 
 
 def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
@@ -30,10 +30,10 @@ def preferences_of(store: Store, pseudonym: str) -> Preferences | None:
     Raises:
         StudyError: if the stored preferences are damaged.
     """
-    return latest_value(store, pseudonym, PREFERENCES_RECORDED, Preferences)
+    return latest_event_value(store, pseudonym, PREFERENCES_RECORDED_EVENT, Preferences)
 
 
-def trial_rules(store: Store, name: str, own: Preferences | None) -> AppliedRules | None:
+def trial_rules(store: Store, name: str, own: Preferences | None) -> TrialRules | None:
     """Returns the rules of a trial with the condition or policy ``name``; ``None`` without a pacing layer.
 
     ``own``: the participant's preferences; ``None`` without any.

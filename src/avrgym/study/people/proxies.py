@@ -1,6 +1,6 @@
 """The respondent of a participant's questionnaires. Answers of a proxy are marked in all tables and figures."""
 
-from avrgym.commands.respondents import ANSWERING, PARTICIPANT
+from avrgym.commands.respondents import PARTICIPANT, PARTICIPANT_RESPONDENTS
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
@@ -10,13 +10,13 @@ def set_respondent(store: Store, pseudonym: str, respondent: str, session: int |
     """Store the respondent of all later questions to a participant. ``session``: the id of the running session.
 
     Raises:
-        StudyError: for a respondent that is not in ``ANSWERING``, or an unknown participant.
+        StudyError: for a respondent that is not in ``PARTICIPANT_RESPONDENTS``, or an unknown participant.
     """
-    if respondent not in ANSWERING:
-        raise StudyError(f"unknown respondent {respondent!r}; allowed: {', '.join(ANSWERING)}")
-    with store.write() as connection:
+    if respondent not in PARTICIPANT_RESPONDENTS:
+        raise StudyError(f"unknown respondent {respondent!r}; allowed: {', '.join(PARTICIPANT_RESPONDENTS)}")
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         stored = None if respondent == PARTICIPANT else respondent
-        hash_chain.update(connection, schema.PARTICIPANT, participant.number, respondent=stored)
+        hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant.number, respondent=stored)
         about = {"participant": participant.number} | ({} if session is None else {"session": session})
         record_event(connection, "respondent changed", respondent, about)

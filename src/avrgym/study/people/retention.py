@@ -5,17 +5,17 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
-from avrgym.study.design.retention import DATA, IDENTITIES, RECORDINGS
+from avrgym.study.design.retention import ALL_DATA, IDENTITIES, RECORDINGS
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.rows import RECORDINGS as FOLDER
 from avrgym.study.storage.rows import StudyEvent, participant_number
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all, record_event
+from avrgym.study.storage.store import Store, find_rows, record_event
 
 DELETION_EVENTS = {IDENTITIES: "identity deleted by schedule", RECORDINGS: "recordings deleted by schedule"}
-"""Event of a scheduled deletion, by kind of data. A deletion of ``DATA`` creates a tombstone instead."""
-DATA_NAMES = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", DATA: "all data"}
+"""Event of a scheduled deletion, by kind of data. A deletion of ``ALL_DATA`` creates a tombstone instead."""
+DATA_KIND_LABELS = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", ALL_DATA: "all data"}
 
 
 @dataclass(frozen=True)
@@ -25,57 +25,58 @@ class ScheduledDeletion:
     ``due_on``: first day after the retention period. ``participants``: pseudonyms of participants with such data.
     """
 
-    kind: str
-    due_on: date
-    participants: tuple[str, ...]
+    data_kind: str
+    due_date: date
+    pseudonyms: tuple[str, ...]
 
     def is_due(self, day: date) -> bool:
         """Returns whether the retention period has ended on ``day``."""
-        return bool(self.participants) and self.due_on <= day
+        return bool(self.pseudonyms) and self.due_date <= day
 
 
-def today() -> date:
+def today_utc() -> date:
     """Returns the current date in UTC."""
     return datetime.now(UTC).date()
 
 
-def schedule(store: Store) -> list[ScheduledDeletion]:
+def scheduled_deletions(store: Store) -> list[ScheduledDeletion]:
     """Returns all scheduled deletions of people's data."""
     people = [each.pseudonym for each in store.participants() if not each.simulated]
-    known = identity_file.named_pseudonyms(store.folder)
+    known = identity_file.pseudonyms_with_identity(store.folder)
     present = {
         IDENTITIES: [name for name in people if name in known],
         RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
-        DATA: people,
+        ALL_DATA: people,
     }
     return [
         ScheduledDeletion(kind, day, tuple(present[kind]))
-        for kind, day in store.design.retention.due_on.items()
+        for kind, day in store.design.retention.due_dates.items()
     ]
 
 
-def due(store: Store, day: date) -> list[ScheduledDeletion]:
+def due_deletions(store: Store, day: date) -> list[ScheduledDeletion]:
     """Returns the scheduled deletions that are due on ``day``."""
-    return [each for each in schedule(store) if each.is_due(day)]
+    return [each for each in scheduled_deletions(store) if each.is_due(day)]
 
 
 def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
     """Yields a message for each kind of data that must be deleted, and a message if the study's end date is missing."""
     retention = store.design.retention
-    for each in due(store, day):
-        number = len(each.participants)
+    for each in due_deletions(store, day):
+        number = len(each.pseudonyms)
         yield (
-            f"{DATA_NAMES[each.kind]} of {number} participant{'' if number == 1 else 's'} must be deleted since "
-            f"{each.due_on}: `avrgym study retention {store.folder} --delete` deletes them"
+            f"{DATA_KIND_LABELS[each.data_kind]} of {number} participant{'' if number == 1 else 's'} must be "
+            f"deleted since "
+            f"{each.due_date}: `avrgym study retention {store.folder} --delete` deletes them"
         )
-    if retention.months and retention.end is None and _is_complete(store):
+    if retention.months_by_kind and retention.last_day is None and _is_complete(store):
         yield "all planned participants have completed the study: set ended_on in [retention] of study.toml"
 
 
 def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
     """Delete all data that are due on ``day``. Yields kind of data and pseudonym after each deletion.
 
-    ``delete_participant`` deletes data of the kind ``DATA``. After a crash, a second call completes the deletions.
+    ``delete_participant`` deletes data of the kind ``ALL_DATA``. After a crash, a second call completes the deletions.
 
     Raises:
         StudyError: if a session took place after the study's end; nothing is deleted then. Also if participants could
@@ -83,33 +84,33 @@ def delete_due_data(store: Store, day: date) -> Iterator[tuple[str, str]]:
     """
     _check_ended(store)
     errors: list[str] = []
-    for each in due(store, day):
-        for pseudonym in each.participants:
+    for each in due_deletions(store, day):
+        for pseudonym in each.pseudonyms:
             try:
-                _delete(store, each.kind, pseudonym)
+                _delete(store, each.data_kind, pseudonym)
             except StudyError as error:
                 errors.append(str(error))
             else:
-                yield each.kind, pseudonym
+                yield each.data_kind, pseudonym
     if errors:
         raise StudyError("; ".join(errors))
 
 
 def recording_deletion_times(store: Store) -> Mapping[int, str]:
     """Returns the time of the scheduled deletion of recordings, by participant number."""
-    with store.database.read() as connection:
-        events = find_all(connection, StudyEvent, name=DELETION_EVENTS[RECORDINGS])
+    with store.database.read_transaction() as connection:
+        events = find_rows(connection, StudyEvent, name=DELETION_EVENTS[RECORDINGS])
     return {event.participant: event.at for event in events if event.participant is not None}
 
 
 def _delete(store: Store, kind: str, pseudonym: str) -> None:
-    if kind == DATA:
+    if kind == ALL_DATA:
         delete_participant(store, pseudonym)
         return
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         record_event(connection, DELETION_EVENTS[kind], "", {"participant": participant_number(pseudonym)})
         if kind == IDENTITIES:
-            identity_file.remove_entry(store.folder, pseudonym)
+            identity_file.remove_identity(store.folder, pseudonym)
     folder = store.folder / FOLDER / pseudonym
     if kind == RECORDINGS and folder.is_symlink():
         folder.unlink()
@@ -118,7 +119,7 @@ def _delete(store: Store, kind: str, pseudonym: str) -> None:
 
 
 def _check_ended(store: Store) -> None:
-    end = store.design.retention.end
+    end = store.design.retention.last_day
     people = [each.pseudonym for each in store.participants() if not each.simulated]
     days = [session.opened_at[:10] for name in people for session in store.sessions(name)]
     if end is not None and max(days, default="") > end.isoformat():

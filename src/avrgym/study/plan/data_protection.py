@@ -13,13 +13,13 @@ from avrgym.study.design.design import Design
 from avrgym.study.plan.preregistration import bullet_list, format_markdown, write_draft
 from avrgym.study.storage.store import Store
 
-FOLDER = "data-protection"
-FILL_IN = "**[TO FILL IN: {}]**"
-DRAFT = (
+DATA_PROTECTION_FOLDER = "data-protection"
+GAP_FORMAT = "**[TO FILL IN: {}]**"
+DRAFT_NOTICE = (
     "A draft from the study's design, by AVR Gym. Fill in the gaps in brackets. The controller completes it, consults "
     "the data protection officer (Article 35(2)) and is responsible for it."
 )
-MEASURES = (
+SECURITY_MEASURES = (
     "Pseudonyms: names and contacts are only in the folder `private`, separate from recordings and answers.",
     "Only the account that owns the study can read its files and folders.",
     "The server requires a token for each role; on a network it uses TLS only.",
@@ -31,22 +31,22 @@ MEASURES = (
 """Security measures of AVR Gym."""
 
 
-def write_data_protection(store: Store) -> list[Path]:
+def write_data_protection_drafts(store: Store) -> list[Path]:
     """Write both drafts into the study's folder. Returns their paths. Edited drafts are never overwritten.
 
     Raises:
         StudyError: if a draft exists with another text.
         OSError: if a draft cannot be written.
     """
-    design, folder = store.design, store.folder / FOLDER
+    design, folder = store.design, store.folder / DATA_PROTECTION_FOLDER
     folder.mkdir(mode=0o700, exist_ok=True)
     title = design.title
     drafts = {
         "impact-assessment.md": format_markdown(
-            f"{title}: data protection impact assessment", DRAFT, _assessment(design)
+            f"{title}: data protection impact assessment", DRAFT_NOTICE, _assessment(design)
         ),
         "record-of-processing.md": format_markdown(
-            f"{title}: record of processing activities", DRAFT, _record(design)
+            f"{title}: record of processing activities", DRAFT_NOTICE, _record(design)
         ),
     }
     return [write_draft(folder / name, text) for name, text in drafts.items()]
@@ -91,7 +91,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Other risks": _fill_in("what else may harm participants"),
         },
         "Measures (Article 35(7)(d))": {
-            "By this program": bullet_list(MEASURES),
+            "By this program": bullet_list(SECURITY_MEASURES),
             "By the institution": _fill_in(
                 "encryption of disks, access to rooms, backups, training of staff"
             ),
@@ -125,7 +125,7 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
             ),
             "(f) Time limits for erasure": _retention(design),
             "(g) Security measures (Article 32(1))": (
-                f"{bullet_list(MEASURES)}\n\n{_fill_in('measures of the institution')}"
+                f"{bullet_list(SECURITY_MEASURES)}\n\n{_fill_in('measures of the institution')}"
             ),
         }
     }
@@ -198,4 +198,4 @@ def _risk() -> str:
 
 
 def _fill_in(what: str) -> str:
-    return FILL_IN.format(what)
+    return GAP_FORMAT.format(what)

@@ -12,42 +12,48 @@ from avrgym.study.checking.design_checks import (
     ADMISSION_FIELDS,
     CONSENT_FIELD,
     admission_differences,
-    differences_of,
+    design_differences,
 )
-from avrgym.study.checking.finding import ExcludedTrial, Finding
+from avrgym.study.checking.finding import ExcludedTrialFinding, Finding
 from avrgym.study.checking.interim_looks import check_interim_looks
 from avrgym.study.checking.policy_files import PolicyFile, policy_file_text, policy_files, used_policies
 from avrgym.study.checking.preflight import needed_plugins
 from avrgym.study.checking.repeat_checks import check_repeats
 from avrgym.study.design.comparison import (
-    MISSING,
-    NOT_COMPARED,
-    Wordings,
+    FIELDS_NOT_COMPARED,
+    MISSING_VALUE,
+    DesignTexts,
     comparable_values,
     differences,
     key_path_text,
-    read_wordings,
+    read_design_texts,
     value_text,
 )
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design, DesignError, parse_design
 from avrgym.study.design.languages import text_files
-from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, FrozenPlan, PlanRecord, sha256, software_versions
+from avrgym.study.plan.frozen_plan import (
+    FROZEN_PLAN_FILE,
+    FrozenPlan,
+    FrozenPlanRecord,
+    sha256,
+    software_versions,
+)
 from avrgym.study.plan.plan import FILE, NOT_PLANNED, AvailableTests
 from avrgym.study.storage.rows import pseudonym_of
 from avrgym.study.storage.session_designs import describe_trials, session_designs
-from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store
-from avrgym.system.files import with_and_without_bom
-from avrgym.system.toml_lines import Place
+from avrgym.system.files import bom_variants
+from avrgym.system.toml_lines import ValuePath
 from avrgym.system.used_plugins import differences as plugin_differences
-from avrgym.texts.interface_texts import TextsError
+from avrgym.texts.interface_texts import InvalidTextsError
 
-Change = tuple[Place, Any, Any]
-"""Key path of a value, its frozen value and its current value; a missing value is ``MISSING``."""
+ValueChange = tuple[ValuePath, Any, Any]
+"""Key path of a value, its frozen value and its current value; a missing value is ``MISSING_VALUE``."""
 
 
-def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
+def design_deviations(store: Store, record: FrozenPlanRecord) -> Iterator[Finding]:
     """Yields findings about differences between the frozen plan and the design or the texts for participants.
 
     Differences in sessions are included even if the current files match the plan.
@@ -57,33 +63,35 @@ def design_deviations(store: Store, record: PlanRecord) -> Iterator[Finding]:
     for name, before in {DESIGN: record.design, **(record.texts or {})}.items():
         fault, changes = _compare(store, record, name, before, frozen[0] if frozen else None)
         if fault:
-            yield deviation(name, fault)
+            yield deviation_finding(name, fault)
         for change in changes:
             _, participants = differing.pop((name, change[0], value_text(change[2])), (None, ""))
-            yield deviation(name, changed(*change) + (f", for {participants}" if participants else ""))
+            yield deviation_finding(
+                name, describe_change(*change) + (f", for {participants}" if participants else "")
+            )
     for (name, place, value), (before, participants) in differing.items():
-        yield deviation(
+        yield deviation_finding(
             name, f"{key_path_text(place)} was {before} in the plan and {value} for {participants}"
         )
     for name in text_files(store.design, store.folder):
         if record.texts is not None and name not in record.texts:
-            yield deviation(name, "was added")
+            yield deviation_finding(name, "was added")
 
 
 def _session_values(
-    store: Store, design: Design, wordings: Wordings | None
-) -> dict[tuple[str, Place, str], tuple[str, str]]:
+    store: Store, design: Design, wordings: DesignTexts | None
+) -> dict[tuple[str, ValuePath, str], tuple[str, str]]:
     """Returns the values of sessions and admissions that differ from the frozen design.
 
     Key: file, key path and different value. Value: frozen value, and the participants with the different value.
     """
     sessions = session_designs(store)
     found = {
-        (each.file, each.place, value_text(each.used)): (
-            value_text(each.present),
+        (each.file, each.place, value_text(each.session_value)): (
+            value_text(each.current_value),
             describe_trials(each.sessions, sessions),
         )
-        for each in differences_of(design, wordings, sessions)
+        for each in design_differences(design, wordings, sessions)
     }
     admitted = admission_differences(store, design, (CONSENT_FIELD, *ADMISSION_FIELDS))
     return found | {
@@ -92,15 +100,15 @@ def _session_values(
     }
 
 
-def file_deviations(store: Store, record: PlanRecord, name: str, before: str) -> Iterator[Finding]:
+def file_deviations(store: Store, record: FrozenPlanRecord, name: str, before: str) -> Iterator[Finding]:
     """Yields findings about differences between a file and its frozen text (``before``)."""
     fault, changes = _compare(store, record, name, before, None)
     if fault:
-        yield deviation(name, fault)
-    yield from (deviation(name, changed(*change)) for change in changes)
+        yield deviation_finding(name, fault)
+    yield from (deviation_finding(name, describe_change(*change)) for change in changes)
 
 
-def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
+def frozen_design(record: FrozenPlanRecord) -> tuple[Design, DesignTexts | None] | None:
     """Returns the design and texts of a frozen plan; ``None`` if this version cannot read them."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
@@ -111,23 +119,23 @@ def frozen_design(record: PlanRecord) -> tuple[Design, Wordings | None] | None:
             (folder / name).write_text(text, encoding="utf-8")
         try:
             design = parse_design(record.design, FROZEN_PLAN_FILE, folder)
-            return design, None if record.texts is None else read_wordings(design, folder)
-        except (DesignError, TextsError):
+            return design, None if record.texts is None else read_design_texts(design, folder)
+        except (DesignError, InvalidTextsError):
             return None
 
 
 def _compare(
-    store: Store, record: PlanRecord, name: str, before: str, frozen: Design | None
-) -> tuple[str, list[Change]]:
+    store: Store, record: FrozenPlanRecord, name: str, before: str, frozen: Design | None
+) -> tuple[str, list[ValueChange]]:
     """Returns the differences between a file and its frozen text: a message about the file (or ""), and all changes."""
     path = store.folder / name
     if not path.is_file():
         return "is missing", []
     data = path.read_bytes()
-    if record.sha256[name] in map(sha256, with_and_without_bom(data)):
+    if record.sha256[name] in map(sha256, bom_variants(data)):
         return "", []
     try:
-        after = tomlkit.parse(with_and_without_bom(data)[0].decode()).unwrap()
+        after = tomlkit.parse(bom_variants(data)[0].decode()).unwrap()
     except ValueError:
         return "was changed and cannot be read", []
     values = tomlkit.parse(before).unwrap()
@@ -139,20 +147,20 @@ def _compare(
 
 
 def _shared(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the file's fields that are compared: all except ``NOT_COMPARED``."""
-    return {name: value for name, value in values.items() if name not in NOT_COMPARED}
+    """Returns the file's fields that are compared: all except ``FIELDS_NOT_COMPARED``."""
+    return {name: value for name, value in values.items() if name not in FIELDS_NOT_COMPARED}
 
 
-def changed(place: Place, before: Any, after: Any) -> str:
-    """Returns a difference as text; a missing value is ``MISSING``."""
-    if before is MISSING:
+def describe_change(place: ValuePath, before: Any, after: Any) -> str:
+    """Returns a difference as text; a missing value is ``MISSING_VALUE``."""
+    if before is MISSING_VALUE:
         return f"{key_path_text(place)} was added: {value_text(after)}"
-    if after is MISSING:
+    if after is MISSING_VALUE:
         return f"{key_path_text(place)} was removed; it was {value_text(before)}"
     return f"{key_path_text(place)} was {value_text(before)}, is {value_text(after)}"
 
 
-def deviation(where: str, message: str) -> Finding:
+def deviation_finding(where: str, message: str) -> Finding:
     """Returns the finding about a deviation; it is not an error."""
     return Finding(where, message, is_error=False)
 
@@ -161,7 +169,7 @@ def deviations(
     store: Store,
     frozen: FrozenPlan,
     available_tests: AvailableTests,
-    left_out: Sequence[ExcludedTrial] = (),
+    left_out: Sequence[ExcludedTrialFinding] = (),
     optional_tests: AvailableTests = MappingProxyType({}),
 ) -> list[Finding]:
     """Returns findings about all differences between a study and its frozen plan.
@@ -184,7 +192,7 @@ def deviations(
         *_policies(store, frozen.record),
         *_plugins(store, frozen.record),
         *_people(store, frozen.record),
-        *check_interim_looks(store, frozen.record.parsed().participants),
+        *check_interim_looks(store, frozen.record.parsed_plan().participants),
         *check_repeats(store, tomlkit.parse(frozen.record.design).unwrap().get("max_repeats")),
         *left_out,
         *_tests(frozen.record, available_tests, optional_tests),
@@ -194,32 +202,36 @@ def deviations(
 # Software and policies
 
 
-def _software(record: PlanRecord) -> Iterator[Finding]:
+def _software(record: FrozenPlanRecord) -> Iterator[Finding]:
     present = software_versions()
     for name, before in record.versions.items():
         if present.get(name) != before:
-            yield deviation("software", f"{name} was {before}, is {present.get(name, 'no longer used')}")
+            yield deviation_finding(
+                "software", f"{name} was {before}, is {present.get(name, 'no longer used')}"
+            )
 
 
-def _plugins(store: Store, record: PlanRecord) -> Iterator[Finding]:
+def _plugins(store: Store, record: FrozenPlanRecord) -> Iterator[Finding]:
     """Yields findings about plug-ins that differ from the frozen record."""
     for difference in plugin_differences(record.plugins or (), needed_plugins(store)):
-        yield deviation("plug-ins", difference)
+        yield deviation_finding("plug-ins", difference)
 
 
-def _policies(store: Store, record: PlanRecord) -> Iterator[Finding]:
+def _policies(store: Store, record: FrozenPlanRecord) -> Iterator[Finding]:
     present = {(each.environment, each.policy): each for each in policy_files(store)}
     used = used_policies(store)
     for before in record.policies:
         key = before.environment, before.policy
         after = present.get(key)
         if after is not None and after != before:
-            yield deviation(f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}")
+            yield deviation_finding(
+                f"policy {before.policy}", f"of {before.environment} {_replaced(before, after)}"
+            )
         for other in used.get(key, []):
-            if other.file != before:
-                file, trials = policy_file_text(other.file), describe_trials(other.sessions)
+            if other.policy_file != before:
+                file, trials = policy_file_text(other.policy_file), describe_trials(other.sessions)
                 message = f"of {before.environment} was {file} for {trials}"
-                yield deviation(f"policy {before.policy}", message)
+                yield deviation_finding(f"policy {before.policy}", message)
 
 
 def _replaced(before: PolicyFile, after: PolicyFile) -> str:
@@ -231,46 +243,48 @@ def _replaced(before: PolicyFile, after: PolicyFile) -> str:
 # People and tests
 
 
-def _people(store: Store, record: PlanRecord) -> Iterator[Finding]:
+def _people(store: Store, record: FrozenPlanRecord) -> Iterator[Finding]:
     """Yields findings about excluded, withdrawn and deleted participants, and about the number of completed ones.
 
     Simulated participants are considered only in a study without people.
     """
-    everyone, deleted = store.participants(), store.tombstones()
+    everyone, deleted = store.participants(), store.deleted_participants()
     simulated = all(each.simulated for each in [*everyone, *deleted])
     own = [each for each in everyone if each.simulated is simulated]
     for participant in own:
         if participant.state == "withdrawn":
-            yield deviation(participant.pseudonym, "withdrew and is excluded from all tests")
-        elif participant.state == UNKNOWN:
+            yield deviation_finding(participant.pseudonym, "withdrew and is excluded from all tests")
+        elif participant.state == UNKNOWN_PARTICIPATION:
             message = (
                 "is excluded from all tests: consent or withdrawal is unknown since the database was rebuilt"
             )
-            yield deviation(participant.pseudonym, message)
+            yield deviation_finding(participant.pseudonym, message)
         elif participant.state == "excluded":
-            yield deviation(participant.pseudonym, "was excluded by the inclusion questions")
+            yield deviation_finding(participant.pseudonym, "was excluded by the inclusion questions")
     for gone in deleted:
         if gone.simulated is simulated:
-            yield deviation(pseudonym_of(gone.number), "was deleted with all data")
+            yield deviation_finding(pseudonym_of(gone.number), "was deleted with all data")
     completed = sum(each.state == "completed" for each in own)
-    planned = record.parsed().participants
+    planned = record.parsed_plan().participants
     if completed and completed != planned:
         have = "has" if completed == 1 else "have"
-        yield deviation("participants", f"{completed} {have} completed the study, {planned} were planned")
+        yield deviation_finding(
+            "participants", f"{completed} {have} completed the study, {planned} were planned"
+        )
 
 
 def _tests(
-    record: PlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
+    record: FrozenPlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
 ) -> Iterator[Finding]:
     """Yields findings about tests in the report without a plan, and about planned tests without a result."""
-    plan = record.parsed()
+    plan = record.parsed_plan()
     for test, measures in available_tests.items():
-        unplanned = [measure for measure in measures if plan.label(test, measure) == NOT_PLANNED]
+        unplanned = [measure for measure in measures if plan.plan_status(test, measure) == NOT_PLANNED]
         if unplanned:
             message = f"contains a test that is not in the plan: {test} ({'; '.join(unplanned)})"
-            yield deviation("the report", message)
+            yield deviation_finding("the report", message)
     for hypothesis in plan.hypotheses:
         for test in hypothesis.tests:
             done = {*available_tests.get(test, ()), *optional_tests.get(test, ())}
             if not done & set(hypothesis.measures):
-                yield deviation("the report", f"lacks a planned test of {hypothesis.id}: {test}")
+                yield deviation_finding("the report", f"lacks a planned test of {hypothesis.id}: {test}")

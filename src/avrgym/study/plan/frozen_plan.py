@@ -28,23 +28,30 @@ from avrgym.study.plan.timestamps import (
     read_registration,
     read_time_stamp,
 )
-from avrgym.study.storage.participation import REBUILT
-from avrgym.study.storage.rows import RECORDINGS, Site, StudyEvent, StudySession, Tombstone, pseudonym_of
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT
+from avrgym.study.storage.rows import (
+    RECORDINGS,
+    DeletedParticipant,
+    Site,
+    StudyEvent,
+    StudySession,
+    pseudonym_of,
+)
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all, record_event
-from avrgym.system.files import PRIVATE_FILE, write_atomically
+from avrgym.study.storage.store import Store, find_rows, record_event
+from avrgym.system.files import PRIVATE_FILE_MODE, write_atomically
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.vr.session.attempt import versions
 
 FROZEN_PLAN_FILE = "plan-frozen.json"
-PLAN_FROZEN = "plan frozen"
-PLAN_ADOPTED = "plan adopted"
+PLAN_FROZEN_EVENT = "plan frozen"
+PLAN_ADOPTED_EVENT = "plan adopted"
 """Names of events. The event's detail is the record's SHA-256. An adopted plan was frozen at another station."""
-FORMAT = "avrgym frozen plan 1"
+FROZEN_PLAN_FORMAT = "avrgym frozen plan 1"
 
 
-class PlanRecord(msgspec.Struct, frozen=True):
+class FrozenPlanRecord(msgspec.Struct, frozen=True):
     """The plan and the study at the time of freezing.
 
     ``plan`` and ``design``: texts of these files. ``texts``: the study's text files. ``plugins``: plug-ins of the
@@ -61,12 +68,12 @@ class PlanRecord(msgspec.Struct, frozen=True):
     texts: dict[str, str] | None = msgspec.field(default=None, name="words")
     plugins: tuple[UsedPlugin, ...] | None = None
 
-    def parsed(self) -> Plan:
+    def parsed_plan(self) -> Plan:
         """Returns the frozen plan as a ``Plan``."""
         return parse_frozen_plan(self.plan, FROZEN_PLAN_FILE)
 
 
-def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
+def freeze_plan(store: Store, available_tests: AvailableTests) -> FrozenPlanRecord:
     """Freeze the plan in a study's folder. Returns the record of the frozen plan.
 
     Args:
@@ -84,19 +91,19 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> PlanRecord:
     record = _record(store, text)
     data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
     path = store.folder / FROZEN_PLAN_FILE
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         _check_untouched(store, connection)
-        record_event(connection, PLAN_FROZEN, sha256(data), {})
-        write_atomically(path, data, PRIVATE_FILE)
+        record_event(connection, PLAN_FROZEN_EVENT, sha256(data), {})
+        write_atomically(path, data, PRIVATE_FILE_MODE)
     return record
 
 
-def may_adopt(store: Store) -> bool:
+def can_adopt_plan(store: Store) -> bool:
     """Returns whether the folder contains a frozen plan from another station, without an event in the database."""
     return (store.folder / FROZEN_PLAN_FILE).exists() and not _noted(store)
 
 
-def adopt_plan(store: Store) -> PlanRecord:
+def adopt_plan(store: Store) -> FrozenPlanRecord:
     """Adopt a frozen plan that was copied from another station: store its checksum. Returns the plan's record.
 
     Raises:
@@ -104,28 +111,32 @@ def adopt_plan(store: Store) -> PlanRecord:
     """
     data = (store.folder / FROZEN_PLAN_FILE).read_bytes()
     try:
-        record = msgspec.json.decode(data, type=PlanRecord)
+        record = msgspec.json.decode(data, type=FrozenPlanRecord)
     except ValueError as error:
         raise StudyError(f"{store.folder / FROZEN_PLAN_FILE} is damaged: {error}; restore a backup") from None
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         _check_nobody_took_part(connection)
-        record_event(connection, PLAN_ADOPTED, sha256(data), {})
+        record_event(connection, PLAN_ADOPTED_EVENT, sha256(data), {})
     return record
 
 
 def _noted(store: Store) -> bool:
-    with store.database.read() as connection:
-        return any(find_all(connection, StudyEvent, name=name) for name in (PLAN_FROZEN, PLAN_ADOPTED))
+    with store.database.read_transaction() as connection:
+        return any(
+            find_rows(connection, StudyEvent, name=name) for name in (PLAN_FROZEN_EVENT, PLAN_ADOPTED_EVENT)
+        )
 
 
 def check_can_freeze(store: Store) -> None:
     """Raise ``StudyError`` after the first participant, or if a plan is already frozen."""
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         _check_untouched(store, connection)
 
 
 def _check_untouched(store: Store, connection: sa.Connection) -> None:
-    if (store.folder / FROZEN_PLAN_FILE).exists() or find_all(connection, StudyEvent, name=PLAN_FROZEN):
+    if (store.folder / FROZEN_PLAN_FILE).exists() or find_rows(
+        connection, StudyEvent, name=PLAN_FROZEN_EVENT
+    ):
         raise StudyError(
             f"the plan of {store.folder} is frozen already; `avrgym study status` lists deviations"
         )
@@ -133,13 +144,13 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 
 
 def _check_nobody_took_part(connection: sa.Connection) -> None:
-    for event in find_all(connection, StudyEvent, name=REBUILT):
+    for event in find_rows(connection, StudyEvent, name=DATABASE_REBUILT_EVENT):
         raise StudyError(
             f"the plan cannot be frozen: the database was rebuilt at {event.at}, and earlier participants are unknown. "
             "Restore a backup of the database, or create a new study"
         )
-    taken = [each.participant for each in find_all(connection, StudySession)]
-    taken += [each.number for each in find_all(connection, Tombstone)]
+    taken = [each.participant for each in find_rows(connection, StudySession)]
+    taken += [each.number for each in find_rows(connection, DeletedParticipant)]
     if taken:
         raise StudyError(
             f"{pseudonym_of(min(taken))} has already taken part: a plan must be frozen before the first participant; "
@@ -147,11 +158,11 @@ def _check_nobody_took_part(connection: sa.Connection) -> None:
         )
 
 
-def _record(store: Store, plan: str) -> PlanRecord:
+def _record(store: Store, plan: str) -> FrozenPlanRecord:
     texts = text_files(store.design, store.folder)
-    return PlanRecord(
-        format=FORMAT,
-        frozen_at=now(),
+    return FrozenPlanRecord(
+        format=FROZEN_PLAN_FORMAT,
+        frozen_at=utc_timestamp(),
         sha256={name: sha256((store.folder / name).read_bytes()) for name in (FILE, DESIGN, *texts)},
         versions=software_versions(),
         policies=policy_files(store),
@@ -173,7 +184,7 @@ def software_versions() -> dict[str, str]:
 
 
 UNKNOWN_TIME = "an unknown time"
-UNKNOWN_ORIGIN = (
+UNKNOWN_DATE_MESSAGE = (
     "is of unknown date and not confirmatory: its checksum is not in the database. Restore a backup of the database. "
     "Or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
 )
@@ -186,31 +197,31 @@ class FrozenPlan:
     ``record``: ``None`` if the file cannot be read or was modified. ``faults``: error messages about the plan.
     ``known_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
     unknown. ``is_adopted``: the plan was frozen at another station. ``rebuilt_at``: time of the database's rebuild, if
-    any. ``stamp``: the plan's time stamp. ``is_proven``: a trusted time stamp is older than all recordings.
+    any. ``stamp``: the plan's time stamp. ``is_date_proven``: a trusted time stamp is older than all recordings.
     """
 
-    record: PlanRecord | None
+    record: FrozenPlanRecord | None
     faults: tuple[str, ...] = ()
     known_since: str | None = None
     is_adopted: bool = False
     rebuilt_at: str | None = None
-    stamp: TimeStamp | None = None
-    is_proven: bool = False
+    time_stamp: TimeStamp | None = None
+    is_date_proven: bool = False
     registration: Registration | None = None
     sha256: str = ""
 
     @property
     def is_confirmatory(self) -> bool:
         """Whether it is certain that the plan existed before the first participant."""
-        return self.record is not None and (self.known_since is not None or self.is_proven)
+        return self.record is not None and (self.known_since is not None or self.is_date_proven)
 
     @property
-    def at(self) -> str:
+    def known_time_text(self) -> str:
         """The earliest time at which the plan certainly existed, as text; ``UNKNOWN_TIME`` if it is unknown."""
         if self.record is not None and self.known_since is not None:
             return self.known_since if self.is_adopted else self.record.frozen_at
-        if self.stamp is not None and self.is_proven:
-            return self.stamp.at.isoformat()
+        if self.time_stamp is not None and self.is_date_proven:
+            return self.time_stamp.issued_at.isoformat()
         return UNKNOWN_TIME
 
     @property
@@ -221,21 +232,21 @@ class FrozenPlan:
     def _sentences(self) -> Iterator[str]:
         if self.known_since is not None:
             verb = "was stored in the database" if self.is_adopted else "was frozen"
-            yield f"The plan {verb} at {_minute(self.at)} (UTC), before the first participant."
-        elif self.is_proven:
-            yield f"The plan existed at {_minute(self.at)} (UTC), before the first recording."
+            yield f"The plan {verb} at {_minute(self.known_time_text)} (UTC), before the first participant."
+        elif self.is_date_proven:
+            yield f"The plan existed at {_minute(self.known_time_text)} (UTC), before the first recording."
         else:
             why = f", which was rebuilt at {_minute(self.rebuilt_at)} (UTC)" if self.rebuilt_at else ""
             yield (
                 f"The date of the plan is unknown: its checksum is not in the database{why}. "
                 "It is not confirmatory; all results are exploratory."
             )
-        if self.stamp is not None:
-            known = "knows" if self.stamp.is_trusted else "does not know"
-            proves = "" if self.stamp.is_trusted else ", so the time stamp alone proves nothing"
-            at = _minute(self.stamp.at.isoformat())
+        if self.time_stamp is not None:
+            known = "knows" if self.time_stamp.is_trusted else "does not know"
+            proves = "" if self.time_stamp.is_trusted else ", so the time stamp alone proves nothing"
+            at = _minute(self.time_stamp.issued_at.isoformat())
             yield (
-                f"A valid time stamp (RFC 3161) of {self.stamp.authority} gives {at} (UTC); this "
+                f"A valid time stamp (RFC 3161) of {self.time_stamp.authority} gives {at} (UTC); this "
                 f"computer {known} the root certificate of that authority{proves}."
             )
         if self.registration is not None:
@@ -251,13 +262,13 @@ def _minute(at: str) -> str:
 def read_frozen_plan(store: Store) -> FrozenPlan | None:
     """Returns the frozen plan of a study; ``None`` if there is none."""
     path = store.folder / FROZEN_PLAN_FILE
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         noted = [
             each
-            for name in (PLAN_FROZEN, PLAN_ADOPTED)
-            for each in find_all(connection, StudyEvent, name=name)
+            for name in (PLAN_FROZEN_EVENT, PLAN_ADOPTED_EVENT)
+            for each in find_rows(connection, StudyEvent, name=name)
         ]
-        sites = len(find_all(connection, Site))
+        sites = len(find_rows(connection, Site))
     if not path.exists():
         fault = "is missing; restore a backup"
         return FrozenPlan(None, (fault,)) if noted else None
@@ -267,7 +278,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         fault = "was modified after freezing; restore a backup"
         return FrozenPlan(None, (fault,))
     try:
-        record = msgspec.json.decode(data, type=PlanRecord)
+        record = msgspec.json.decode(data, type=FrozenPlanRecord)
     except ValueError as error:
         return FrozenPlan(None, (f"is damaged: {error}",))
     rebuilt_at = store.rebuilt_at()
@@ -278,7 +289,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         FrozenPlan(
             record,
             known_since=max(each.at for each in own) if is_known else None,
-            is_adopted=all(each.name == PLAN_ADOPTED for each in own),
+            is_adopted=all(each.name == PLAN_ADOPTED_EVENT for each in own),
             rebuilt_at=rebuilt_at,
             sha256=sha256(data),
         ),
@@ -297,10 +308,10 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
         registration = read_registration(store.folder)
     except StudyError as error:
         faults.append(str(error))
-    is_proven = stamp is not None and stamp.is_trusted and _is_before_all(store, stamp.at)
+    is_proven = stamp is not None and stamp.is_trusted and _is_before_all(store, stamp.issued_at)
     result = replace(frozen, stamp=stamp, registration=registration, is_proven=is_proven)
     if not result.is_confirmatory:
-        faults.insert(0, UNKNOWN_ORIGIN)
+        faults.insert(0, UNKNOWN_DATE_MESSAGE)
     return replace(result, faults=tuple(faults))
 
 

@@ -8,17 +8,17 @@ import msgspec
 
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
-from avrgym.study.design.validation import Tables, ValidationError, parse_toml, read_text
+from avrgym.study.design.validation import StructByKeyPath, ValidationError, parse_toml, read_text
 from avrgym.study.plan.exclusion_rules import ExclusionRule, rule_fault
 from avrgym.study.storage.states import StudyError
-from avrgym.system.toml_lines import Place
+from avrgym.system.toml_lines import ValuePath
 
 FILE = "plan.toml"
 CONFIRMATORY, EXPLORATORY, NOT_PLANNED = "confirmatory", "exploratory", "not in the plan"
 AvailableTests = Mapping[str, Sequence[str]]
 """The measures of each test of the study's analysis, by the test's name."""
 NonEmptyText = Annotated[str, msgspec.Meta(min_length=1)]
-Names = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
+NonEmptyNames = Annotated[tuple[str, ...], msgspec.Meta(min_length=1)]
 
 
 class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -26,11 +26,11 @@ class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     id: NonEmptyText
     text: NonEmptyText
-    measures: Names
-    tests: Names
+    measures: NonEmptyNames
+    tests: NonEmptyNames
 
 
-class Exclusion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ExclusionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Rules for the exclusion of trials and participants.
 
     ``max_held_share``: maximum share of time with tracking loss. ``further``: further rules as text.
@@ -54,23 +54,23 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     stopping_rule: str = ""
     other: str = ""
     exploratory: tuple[str, ...] = ()
-    exclusion: Exclusion
+    exclusion: ExclusionRules
     hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
 
     def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
         """Returns all hypotheses that contain this test and this measure."""
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
-    def label(self, test: str, measure: str) -> str:
+    def plan_status(self, test: str, measure: str) -> str:
         """Returns the plan status of a test of a measure: ``CONFIRMATORY``, ``EXPLORATORY`` or ``NOT_PLANNED``."""
         if self.hypotheses_of(test, measure):
             return CONFIRMATORY
         return EXPLORATORY if test in self.exploratory else NOT_PLANNED
 
 
-_TABLES: Tables = {
+_TABLES: StructByKeyPath = {
     ("hypotheses",): Hypothesis,
-    ("exclusion",): Exclusion,
+    ("exclusion",): ExclusionRules,
     ("exclusion", "rules"): ExclusionRule,
 }
 
@@ -106,7 +106,7 @@ def _check(plan: Plan, design: Design, available_tests: AvailableTests) -> None:
     """Raise ``ValidationError`` for the first value that does not match the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
-    _check_rules(plan.exclusion.rules, [item.id for item in design.items_at("after_trial")])
+    _check_rules(plan.exclusion.rules, [item.id for item in design.items_at_moment("after_trial")])
     for index, test in enumerate(plan.exploratory):
         _check_known(("exploratory", index), "test", test, available_tests)
     known: set[str] = set()
@@ -130,12 +130,12 @@ def _check_rules(rules: Sequence[ExclusionRule], items: Sequence[str]) -> None:
         names.add(rule.name)
 
 
-def _check_equal(place: Place, planned: float, designed: float) -> None:
+def _check_equal(place: ValuePath, planned: float, designed: float) -> None:
     if planned != designed:
         raise ValidationError(place, f"{place[-1]} is {planned:g}; allowed: {designed:g}, as in {DESIGN}")
 
 
-def _check_hypothesis(place: Place, hypothesis: Hypothesis, available_tests: AvailableTests) -> None:
+def _check_hypothesis(place: ValuePath, hypothesis: Hypothesis, available_tests: AvailableTests) -> None:
     measures = dict.fromkeys(measure for taken in available_tests.values() for measure in taken)
     for index, test in enumerate(hypothesis.tests):
         _check_known((*place, "tests", index), "test", test, available_tests)
@@ -155,7 +155,7 @@ def _check_hypothesis(place: Place, hypothesis: Hypothesis, available_tests: Ava
             raise ValidationError((*place, "tests", index), what)
 
 
-def _check_known(place: Place, what: str, name: str, allowed: Iterable[str]) -> None:
+def _check_known(place: ValuePath, what: str, name: str, allowed: Iterable[str]) -> None:
     if name not in allowed:
         raise ValidationError(place, f"unknown {what} {name!r}; allowed: {_listed(allowed)}")
 

@@ -10,7 +10,7 @@ from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
 from avrgym.study.plan.plan import FILE, AvailableTests, Hypothesis
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import write_new
+from avrgym.system.files import write_private_file
 
 _TEXT = """\
 # The plan of the study {title}.
@@ -64,7 +64,7 @@ tests = {tests}
 """
 
 
-def write_template(
+def write_plan_template(
     folder: Path, design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]
 ) -> Path:
     """Write ``plan.toml`` with suggested hypotheses into a study's folder. Returns the file's path.
@@ -75,13 +75,15 @@ def write_template(
     """
     path = folder / FILE
     try:
-        write_new(path, template(design, available_tests, hypotheses))
+        write_private_file(path, plan_template_text(design, available_tests, hypotheses))
     except FileExistsError:
         raise StudyError(f"{path} exists already and was not changed; edit it, or remove it first") from None
     return path
 
 
-def template(design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]) -> str:
+def plan_template_text(
+    design: Design, available_tests: AvailableTests, hypotheses: Sequence[Hypothesis]
+) -> str:
     """Returns the text of ``plan.toml`` for a design, with these hypotheses."""
     return _TEXT.format(
         title=_toml(design.title),

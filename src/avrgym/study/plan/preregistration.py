@@ -19,9 +19,9 @@ from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE, check_can_freeze, re
 from avrgym.study.plan.plan import AvailableTests, Plan, read_plan
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.files import read_user_text, write_new
+from avrgym.system.files import read_user_text, write_private_file
 
-Fields = Mapping[str, Mapping[str, str]]
+FormFields = Mapping[str, Mapping[str, str]]
 """Texts by section and heading."""
 NOT_SPECIFIED = "(not specified)"
 NO_DATA_YET = "None: a plan can be frozen only before the first participant."
@@ -36,9 +36,9 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
             frozen plan of unknown date, or no frozen plan after the first participant.
         OSError: if a file cannot be read or written.
     """
-    if form not in FORMS:
-        raise StudyError(f"unknown form {form!r}; allowed: {', '.join(FORMS)}")
-    title, fields = FORMS[form]
+    if form not in PREREGISTRATION_FORMS:
+        raise StudyError(f"unknown form {form!r}; allowed: {', '.join(PREREGISTRATION_FORMS)}")
+    title, fields = PREREGISTRATION_FORMS[form]
     frozen = read_frozen_plan(store)
     if frozen is None:
         check_can_freeze(store)
@@ -46,7 +46,7 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
     elif frozen.record is None or not frozen.is_confirmatory:
         raise StudyError(f"{FROZEN_PLAN_FILE} {'; '.join(frozen.faults)}")
     else:
-        plan, state = frozen.record.parsed(), f"Frozen with AVR Gym at {frozen.at} (UTC)."
+        plan, state = frozen.record.parsed_plan(), f"Frozen with AVR Gym at {frozen.known_time_text} (UTC)."
     text = format_markdown(
         f"{store.design.title}: {title}", state, fields(store.design, plan, available_tests)
     )
@@ -56,14 +56,14 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
 def write_draft(path: Path, text: str) -> Path:
     """Write a new file. Returns its path. Raises ``StudyError`` if the file exists with another text."""
     try:
-        write_new(path, text)
+        write_private_file(path, text)
     except FileExistsError:
         if read_user_text(path) != text:
             raise StudyError(f"{path} exists already with another text; remove it first") from None
     return path
 
 
-def format_markdown(title: str, state: str, fields: Fields) -> str:
+def format_markdown(title: str, state: str, fields: FormFields) -> str:
     """Returns fields as a Markdown text. ``state``: the paragraph after the title."""
     lines = [f"# {title}", state]
     for section, answers in fields.items():
@@ -73,7 +73,7 @@ def format_markdown(title: str, state: str, fields: Fields) -> str:
     return "\n\n".join(lines) + "\n"
 
 
-def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
+def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFields:
     return {
         "Study information": {
             "Title": design.title,
@@ -111,7 +111,7 @@ def _osf(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
     }
 
 
-def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) -> Fields:
+def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) -> FormFields:
     questions = {
         "Data collected already": NO_DATA_YET,
         "Question or hypothesis": _hypotheses(plan),
@@ -127,7 +127,7 @@ def _aspredicted(design: Design, plan: Plan, available_tests: AvailableTests) ->
     return {"": {f"{number}. {name}": text for number, (name, text) in enumerate(questions.items(), start=1)}}
 
 
-FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], Fields]]] = {
+PREREGISTRATION_FORMS: Mapping[str, tuple[str, Callable[[Design, Plan, AvailableTests], FormFields]]] = {
     "osf": ("fields of the OSF preregistration", _osf),
     "aspredicted": ("answers for AsPredicted", _aspredicted),
 }
@@ -164,10 +164,10 @@ def _measures(design: Design, plan: Plan) -> str:
 
 
 def _measure(design: Design, name: str) -> str:
-    questionnaire = design.questionnaire_of(name)
+    questionnaire = design.questionnaire_of_item(name)
     if questionnaire is None:
         return name
-    item = design.items[name]
+    item = design.items_by_id[name]
     scale = questionnaire.describe_scale(item)
     return f"{name}: {item.text} {scale[0].upper()}{scale[1:]}."
 

@@ -18,7 +18,7 @@ from cryptography import x509
 from cryptography.utils import CryptographyDeprecationWarning
 
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, write_atomically
 
 if TYPE_CHECKING:
     from rfc3161_client import TimeStampResponse
@@ -57,8 +57,8 @@ def _elements(data: bytes, start: int, end: int) -> Iterator[tuple[int, int, int
         start = content + length
 
 
-TIME_STAMP = "plan-frozen.tsr"
-REGISTRATION = "plan-registration.json"
+TIME_STAMP_FILE = "plan-frozen.tsr"
+REGISTRATION_FILE = "plan-registration.json"
 
 
 class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -72,7 +72,7 @@ class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class TimeStamp:
     """A verified time stamp. ``is_trusted``: this computer has the root certificate of the authority."""
 
-    at: datetime
+    issued_at: datetime
     authority: str
     is_trusted: bool
 
@@ -89,8 +89,8 @@ def store_time_stamp(folder: Path, data: bytes, record: bytes) -> TimeStamp:
         StudyError: if the time stamp is not valid for this record, or if another one is stored. Nothing is stored then.
     """
     stamp = verify_time_stamp(data, record)
-    _refuse_other(folder / TIME_STAMP, data)
-    write_atomically(folder / TIME_STAMP, data, PRIVATE_FILE)
+    _refuse_other(folder / TIME_STAMP_FILE, data)
+    write_atomically(folder / TIME_STAMP_FILE, data, PRIVATE_FILE_MODE)
     return stamp
 
 
@@ -104,8 +104,8 @@ def store_registration(folder: Path, url: str, on: date) -> None:
             f"{url[:100]!r} is not a valid URL; allowed: http://… or https://…, at most 500 characters"
         )
     data = msgspec.json.format(msgspec.json.encode(Registration(url, on))) + b"\n"
-    _refuse_other(folder / REGISTRATION, data)
-    write_atomically(folder / REGISTRATION, data, PRIVATE_FILE)
+    _refuse_other(folder / REGISTRATION_FILE, data)
+    write_atomically(folder / REGISTRATION_FILE, data, PRIVATE_FILE_MODE)
 
 
 def _refuse_other(path: Path, data: bytes) -> None:
@@ -118,17 +118,17 @@ def read_time_stamp(folder: Path, record: bytes) -> TimeStamp | None:
 
     Raises ``StudyError`` if the time stamp belongs to another record.
     """
-    path = folder / TIME_STAMP
+    path = folder / TIME_STAMP_FILE
     return verify_time_stamp(path.read_bytes(), record) if path.exists() else None
 
 
 def read_registration(folder: Path) -> Registration | None:
     """Returns the stored registration; ``None`` if there is none. Raises ``StudyError`` if the file is damaged."""
-    path = folder / REGISTRATION
+    path = folder / REGISTRATION_FILE
     try:
         return msgspec.json.decode(path.read_bytes(), type=Registration) if path.exists() else None
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise StudyError(f"{REGISTRATION} is damaged: {error}; restore a backup") from None
+        raise StudyError(f"{REGISTRATION_FILE} is damaged: {error}; restore a backup") from None
 
 
 def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:

@@ -2,16 +2,16 @@
 
 from avrgym.study.people.participants import participant_texts
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import Participant, ParticipantLink, StudySession
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.rows import Participant, StoredSessionLink, StudySession
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all, find_open_session
-from avrgym.texts.interface_texts import ENGLISH, Texts
+from avrgym.study.storage.store import Store, find_open_session, find_rows
+from avrgym.texts.interface_texts import ENGLISH_TEXTS, InterfaceTexts
 from avrgym.vr.protocol.messages import Language
 from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
 
 
-def make_link(store: Store, session_id: int, role: str | None = None, link: str | None = None) -> str:
+def make_session_link(store: Store, session_id: int, role: str | None = None, link: str | None = None) -> str:
     """Create and store a link for an open session. Returns the link. ``role``: ``caregiver``; default: participant.
 
     ``link``: the link to store; default: a new one.
@@ -19,26 +19,34 @@ def make_link(store: Store, session_id: int, role: str | None = None, link: str 
     Raises ``StudyError`` if the session has ended.
     """
     link = link or new_link()
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         hash_chain.insert(
-            connection, schema.LINK, session=session.id, at=now(), sha256=link_sha256(link), role=role
+            connection,
+            schema.LINK_TABLE,
+            session=session.id,
+            at=utc_timestamp(),
+            sha256=link_sha256(link),
+            role=role,
         )
     return link
 
 
-def participants_by_link(store: Store) -> dict[str, int]:
+def participants_by_link_sha256(store: Store) -> dict[str, int]:
     """Returns the participant number of each stored link, by the link's checksum. Includes caregivers' links."""
-    with store.database.read() as connection:
-        sessions = {each.id: each.participant for each in find_all(connection, StudySession)}
-        return {each.sha256: sessions[each.session] for each in find_all(connection, ParticipantLink)}
+    with store.database.read_transaction() as connection:
+        sessions = {each.id: each.participant for each in find_rows(connection, StudySession)}
+        return {each.sha256: sessions[each.session] for each in find_rows(connection, StoredSessionLink)}
 
 
 def session_links(store: Store) -> SessionLinks:
     """Returns the session links of a new server. The links of all earlier sessions are expired."""
     people = {each.number: each for each in store.participants()}
     return SessionLinks(
-        {sha256: _language(store, people[number]) for sha256, number in participants_by_link(store).items()}
+        {
+            sha256: _language(store, people[number])
+            for sha256, number in participants_by_link_sha256(store).items()
+        }
     )
 
 
@@ -47,9 +55,9 @@ def _language(store: Store, participant: Participant) -> Language:
     try:
         return language_message(participant_texts(store, participant))
     except StudyError:
-        return language_message(ENGLISH)
+        return language_message(ENGLISH_TEXTS)
 
 
-def language_message(texts: Texts) -> Language:
+def language_message(texts: InterfaceTexts) -> Language:
     """Returns the message with the language, and with the texts of the participant's page."""
     return Language(texts.language, texts.direction, dict(texts.page))

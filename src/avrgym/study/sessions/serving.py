@@ -10,37 +10,37 @@ from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.people.furniture import furniture_of
-from avrgym.study.sessions.links import make_link
+from avrgym.study.sessions.links import make_session_link
 from avrgym.study.sessions.session_questions import SessionQuestions
-from avrgym.study.sessions.visit import StudyVisit, has_remaining
+from avrgym.study.sessions.visit import StudyVisit, has_unfinished_trials
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.settings import Settings
-from avrgym.texts.interface_texts import Text, Texts, read_texts
+from avrgym.texts.interface_texts import InterfaceTexts, ParticipantText, read_texts
 from avrgym.vr.protocol.messages import (
-    PROTOCOL,
+    PROTOCOL_VERSION,
     Language,
     Phase,
     PhaseName,
     Problem,
-    Received,
+    ReceivedMessage,
     Role,
-    Send,
+    SendMessage,
     Welcome,
 )
 from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.session.session import Session
-from avrgym.vr.session.streams import Streams
+from avrgym.vr.session.streams import DeviceStreams
 
 MAX_CLIENTS = 64
 """Maximum number of connected clients that receive messages of the next session."""
 ACTION_TIMEOUT_S = 60.0
 """Maximum time in seconds for an action of another thread."""
 
-RETRY_S = 5.0
+END_RETRY_DELAY_S = 5.0
 """Delay in seconds before a failed write of a session's end is repeated."""
 
-Action = Callable[[float], Future[None] | None]
+LoopAction = Callable[[float], Future[None] | None]
 """Function that runs in the thread of the real-time loop. If it returns a future, the action ends with the future."""
 
 
@@ -55,14 +55,14 @@ class StudySessions:
     def __init__(
         self,
         store: Store,
-        send: Send,
+        send: SendMessage,
         workers: Executor | None = None,
         *,
         first: str | None = None,
         first_link: str | None = None,
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
-        streams: Streams | None = None,
+        streams: DeviceStreams | None = None,
         headset_check: bool = False,
         links: SessionLinks | None = None,
         caregiver_links: SessionLinks | None = None,
@@ -95,8 +95,8 @@ class StudySessions:
         self._questions: SessionQuestions | None = None
         self._session: Session | None = None
         self._scenes: list[tuple[str, Person, Settings]] = []
-        self._clients: deque[tuple[Send, Role]] = deque(maxlen=MAX_CLIENTS)
-        self._actions: SimpleQueue[tuple[Action, Future[None]]] = SimpleQueue()
+        self._clients: deque[tuple[SendMessage, Role]] = deque(maxlen=MAX_CLIENTS)
+        self._actions: SimpleQueue[tuple[LoopAction, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
         if first is not None:
             self._begin(first, 0.0, link=first_link)
@@ -145,7 +145,7 @@ class StudySessions:
         visit = self._visit
         if visit is None or visit.pseudonym != pseudonym:
             raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
-        link = make_link(
+        link = make_session_link(
             self._store, visit.stored.id
         )  # in this thread: the loop never waits for the database
         self._request(lambda _: self._renew_link(visit, link))
@@ -162,12 +162,12 @@ class StudySessions:
         """Whether the simulation does not move; true without a VR session."""
         return self._session is None or self._session.at_rest
 
-    def welcome(self, send: Send, role: Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: Role, now_s: float) -> None:
         """Send the current state to a new client, now and at the start of each later session."""
         self._clients.append((send, role))
         self._welcome(send, role, now_s)
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Pass a client's message to the current questions or to the VR session."""
         if self._questions is not None:
             self._questions.receive(message)
@@ -185,7 +185,7 @@ class StudySessions:
             self._continue_after(self._questions, now_s)
         elif self._session is not None:
             self._session.tick(now_s)
-            if self._session.phase == "finished" and self._visit is not None:
+            if self._session.phase_name == "finished" and self._visit is not None:
                 self._begin_last_questions(self._visit, now_s)
 
     def close(self, now_s: float) -> None:
@@ -200,7 +200,7 @@ class StudySessions:
         finally:
             self._run_pending_actions(now_s)
 
-    def _request(self, action: Action) -> None:
+    def _request(self, action: LoopAction) -> None:
         done: Future[None] = Future()
         self._actions.put((action, done))
         done.result(ACTION_TIMEOUT_S)
@@ -231,10 +231,10 @@ class StudySessions:
         self._furniture = furniture or self._furniture
         try:
             session = self._in_vr(visit)
-            own_link = make_link(self._store, visit.stored.id, link=link)
-            self.links.begin(own_link, visit.language_message)
-            self.caregiver_links.begin(
-                make_link(self._store, visit.stored.id, CAREGIVER), visit.language_message
+            own_link = make_session_link(self._store, visit.stored.id, link=link)
+            self.links.set_link(own_link, visit.language_message)
+            self.caregiver_links.set_link(
+                make_session_link(self._store, visit.stored.id, CAREGIVER), visit.language_message
             )
             self.caregiver_session = visit.stored.id
         except BaseException:
@@ -247,12 +247,12 @@ class StudySessions:
     def _renew_link(self, visit: StudyVisit, link: str) -> None:
         if self._visit is not visit or self.links.link is None:
             raise StudyError(f"no session of {visit.pseudonym} is running at this station; start one first")
-        self.links.begin(link, visit.language_message)
+        self.links.set_link(link, visit.language_message)
         self._forget_participant()
 
     def _end_link(self) -> None:
         """Invalidate the session's link. Pages with this link cannot join the next session."""
-        self.links.end()
+        self.links.expire_link()
         self._forget_participant()
 
     def _forget_participant(self) -> None:
@@ -261,22 +261,24 @@ class StudySessions:
 
     def _in_vr(self, visit: StudyVisit) -> Session | None:
         """Returns the session in VR; ``None`` if only questions after the session remain."""
-        if visit.items("after_session") and not has_remaining(self._store, visit.pseudonym):
+        if visit.unanswered_items("after_session") and not has_unfinished_trials(
+            self._store, visit.pseudonym
+        ):
             return None
         own = furniture_of(self._store, visit.pseudonym)
-        plan = visit.plan(own or self._furniture, headset_check=self._headset_check)
-        return visit.session(plan, self._send, self._workers, self._scenes, self._streams)
+        plan = visit.plan_trials(own or self._furniture, headset_check=self._headset_check)
+        return visit.create_session(plan, self._send, self._workers, self._scenes, self._streams)
 
     def _questions_of(self, visit: StudyVisit, when: str) -> SessionQuestions | None:
-        return SessionQuestions(visit, when, self._send) if visit.items(when) else None
+        return SessionQuestions(visit, when, self._send) if visit.unanswered_items(when) else None
 
-    def _welcome(self, send: Send, role: Role, now_s: float) -> None:
+    def _welcome(self, send: SendMessage, role: Role, now_s: float) -> None:
         if self._questions is not None:
-            self._questions.welcome(send, role)
+            self._questions.send_initial_state(send, role)
         elif self._session is not None:
-            self._session.welcome(send, role, now_s)
+            self._session.send_initial_state(send, role, now_s)
         else:
-            send(Welcome(PROTOCOL, "", role, haptics=False, sounds=False))
+            send(Welcome(PROTOCOL_VERSION, "", role, haptics=False, sounds=False))
             texts = read_texts(self._store.design.languages[0], self._store.folder)
             send(Language(texts.language, texts.direction, dict(texts.page)))
             send(_phase("waiting", "waiting_session", texts))
@@ -288,10 +290,10 @@ class StudySessions:
     def _continue_after(self, questions: SessionQuestions, now_s: float) -> None:
         """Start the trials after the first questions, or end the session after the last questions."""
         questions.tick()
-        if not questions.done:
+        if not questions.is_done:
             return
         self._questions = None
-        if questions.when == "before_session" and not questions.ended:
+        if questions.when == "before_session" and not questions.is_session_ended:
             if self._session is not None and questions.decision is not None:
                 self._session.prevent_trials(questions.decision)
             self._welcome_all(now_s)
@@ -316,7 +318,7 @@ class StudySessions:
         if self._visit is None or self.participant != pseudonym:
             raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         stored = self._visit.withdraw(self._session, now_s, reason)
-        self.caregiver_links.end()
+        self.caregiver_links.expire_link()
         self._questions = None
         self._send_end()
         self._end_visit(now_s)
@@ -326,7 +328,7 @@ class StudySessions:
         if self._visit is None or self.participant != pseudonym:
             raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         stored = self._visit.change_input(profile, self._session, now_s)
-        self._send(self._visit.input.message())
+        self._send(self._visit.input.profile_message())
         return stored
 
     def _end_visit(self, now_s: float) -> None:
@@ -343,10 +345,11 @@ class StudySessions:
         if error is None:
             self._visit = None
         else:
-            self._retry_at_s = now_s + RETRY_S
+            self._retry_at_s = now_s + END_RETRY_DELAY_S
             self._send(
                 Problem(
-                    f"the end of the session cannot be stored: {error}; the server tries again every {RETRY_S:g} s",
+                    f"the end of the session cannot be stored: {error}; the server tries again every "
+                    f"{END_RETRY_DELAY_S:g} s",
                     "experimenter",
                 )
             )
@@ -372,9 +375,9 @@ def _copy(stored: Future[None], done: Future[None]) -> None:
         done.set_exception(error)
 
 
-def _phase(name: PhaseName, key: str, texts: Texts) -> Phase:
+def _phase(name: PhaseName, key: str, texts: InterfaceTexts) -> Phase:
     """Returns the message about a phase that is not part of a trial."""
-    text = Text(key)
+    text = ParticipantText(key)
     return Phase(
         name, texts.render(text), 0, 0, False, None, texts.render_for_page(text), texts.render_by_input(text)
     )

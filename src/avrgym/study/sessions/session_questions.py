@@ -5,9 +5,9 @@ from concurrent.futures import Future
 from avrgym.questionnaires.stop_rules import STOP_ACTIONS, StopDecision
 from avrgym.study.sessions.visit import StudyVisit
 from avrgym.study.storage.states import StudyError
-from avrgym.texts.interface_texts import Text
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol.messages import (
-    PROTOCOL,
+    PROTOCOL_VERSION,
     Answer,
     Back,
     Command,
@@ -16,14 +16,17 @@ from avrgym.vr.protocol.messages import (
     Press,
     Problem,
     Ready,
-    Received,
+    ReceivedMessage,
     Role,
-    Send,
+    SendMessage,
     Welcome,
 )
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.questions import QuestionSequence
 
-TITLES = {"before_session": Text("questions_before"), "after_session": Text("questions_after")}
+QUESTION_TITLES = {
+    "before_session": ParticipantText("questions_before"),
+    "after_session": ParticipantText("questions_after"),
+}
 """Text above the questions, by moment."""
 
 
@@ -34,7 +37,7 @@ class SessionQuestions:
     strongest decision of the stop rules so far. The questionnaire continues after a decision.
     """
 
-    def __init__(self, visit: StudyVisit, when: str, send: Send) -> None:
+    def __init__(self, visit: StudyVisit, when: str, send: SendMessage) -> None:
         """Prepare the unanswered items.
 
         ``when``: moment, ``before_session`` or ``after_session``. ``send``: function that sends a message to all
@@ -42,46 +45,46 @@ class SessionQuestions:
         """
         self.when = when
         self._visit, self._send = visit, send
-        self._questions = Questions(visit.items(when))
+        self._questions = QuestionSequence(visit.unanswered_items(when))
         self.decision: StopDecision | None = None
         self._over = self._ended = False
         self._given: Answer | None = None
         self._stored: Future[None] | None = None
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether all questions are answered or skipped, or the session has ended."""
-        return self._stored is None and (self._over or self.ended)
+        return self._stored is None and (self._over or self.is_session_ended)
 
     @property
-    def ended(self) -> bool:
+    def is_session_ended(self) -> bool:
         """Whether the experimenter, another process or a stop rule has ended the session."""
-        by_rule = self._over and self.decision is not None and self.decision.then == "end"
+        by_rule = self._over and self.decision is not None and self.decision.action == "end"
         return self._ended or by_rule or self._visit.ended_elsewhere
 
     def begin(self) -> None:
         """Show the first item."""
         self._send_item(self._send)
 
-    def welcome(self, send: Send, role: Role) -> None:
+    def send_initial_state(self, send: SendMessage, role: Role) -> None:
         """Send the current item to a new client."""
-        send(Welcome(PROTOCOL, self._visit.identifier, role, haptics=False, sounds=False))
+        send(Welcome(PROTOCOL_VERSION, self._visit.identifier, role, haptics=False, sounds=False))
         send(self._visit.language_message)
-        self._visit.input.welcome(send, role)
+        self._visit.input.send_initial_state(send, role)
         self._send_item(send)
 
-    def receive(self, message: Received) -> None:
+    def receive(self, message: ReceivedMessage) -> None:
         """Handle answers, commands and selections by the experimenter. Other messages are ignored."""
         if isinstance(message, Offered | Press):
-            self._visit.input.forward(message, self._send)
-        if self.done or self._stored is not None:
+            self._visit.input.forward_selection(message, self._send)
+        if self.is_done or self._stored is not None:
             return
         if isinstance(message, Answer):
             self._store_answer(message)
         elif isinstance(message, Back):
             self._go_back()
         elif isinstance(message, Ready):
-            self._over = self._questions.done
+            self._over = self._questions.all_answered
         elif isinstance(message, Command) and message.name in ("skip", "end"):
             self._skip_rest(ended=message.name == "end")
 
@@ -100,10 +103,12 @@ class SessionQuestions:
             self._apply_stop_rules(given)
             self._continue(given)
 
-    def _send_item(self, send: Send) -> None:
+    def _send_item(self, send: SendMessage) -> None:
         """Send the current item, or the request to confirm all answers."""
         name, text = (
-            ("confirm", Text("confirm")) if self._questions.done else ("questionnaire", TITLES[self.when])
+            ("confirm", ParticipantText("confirm"))
+            if self._questions.all_answered
+            else ("questionnaire", QUESTION_TITLES[self.when])
         )
         texts = self._visit.texts
         send(
@@ -118,42 +123,42 @@ class SessionQuestions:
                 texts.render_by_input(text),
             )
         )
-        if not self._questions.done:
-            send(self._questions.question())
+        if not self._questions.all_answered:
+            send(self._questions.current_question())
 
     def _continue(self, given: Answer) -> None:
         """Continue after a stored answer."""
-        self._questions.take(given)
-        if self._questions.done:
+        self._questions.store_answer(given)
+        if self._questions.all_answered:
             self._send_item(self._send)
         else:
-            self._send(self._questions.question())
+            self._send(self._questions.current_question())
 
     def _go_back(self) -> None:
-        confirming = self._questions.done
+        confirming = self._questions.all_answered
         if not self._questions.go_back():
             self._explain("no_way_back")
         elif confirming:
             self._send_item(self._send)
         else:
-            self._send(self._questions.question())
+            self._send(self._questions.current_question())
 
     def _apply_stop_rules(self, answer: Answer) -> None:
         """Apply the stop rules to an answer. A decision to end the session replaces a decision to pause it."""
-        decision = self._visit.store.design.rules.decide(answer.item, answer.value)
+        decision = self._visit.store.design.stop_rule_set.decide(answer.item, answer.value)
         if decision is None:
             return
-        if self.decision is None or STOP_ACTIONS.index(decision.then) >= STOP_ACTIONS.index(
-            self.decision.then
+        if self.decision is None or STOP_ACTIONS.index(decision.action) >= STOP_ACTIONS.index(
+            self.decision.action
         ):
             self.decision = decision
-        self._visit.record_event("stop rule met", f"then {decision.then}, why {decision.why}")
-        before = f"the session {decision.then}s: " if self.when == "before_session" else ""
-        self._send(Problem(before + decision.why, "experimenter"))
+        self._visit.record_event("stop rule met", f"then {decision.action}, why {decision.reason}")
+        before = f"the session {decision.action}s: " if self.when == "before_session" else ""
+        self._send(Problem(before + decision.reason, "experimenter"))
 
     def _store_answer(self, answer: Answer) -> None:
         """Store an answer; reject an invalid answer."""
-        asked = None if self._questions.done else self._questions.question()
+        asked = None if self._questions.all_answered else self._questions.current_question()
         if asked is None:
             self._explain("no_question")
         elif answer.item != asked.item:
@@ -162,16 +167,16 @@ class SessionQuestions:
             self._continue(answer)
         else:
             self._given = answer
-            store = self._visit.record if asked.previous_answer is None else self._visit.change
+            store = self._visit.record_answer if asked.previous_answer is None else self._visit.change_answer
             self._stored = store(answer, self.when)
             self.tick()
 
     def _skip_rest(self, *, ended: bool) -> None:
         """Skip the current item and all later items. ``ended``: the experimenter ended the session."""
         self._over, self._ended = True, ended
-        if not self._questions.done:
+        if not self._questions.all_answered:
             what = f"questions {self.when} left"
-            self._stored = self._visit.record_event(what, self._questions.question().item)
+            self._stored = self._visit.record_event(what, self._questions.current_question().item)
             self.tick()
 
     def _repeat_item(self, why: str) -> None:
@@ -180,7 +185,7 @@ class SessionQuestions:
         self._send_item(self._send)
 
     def _explain(self, key: str) -> None:
-        texts, text = self._visit.texts, Text(key)
+        texts, text = self._visit.texts, ParticipantText(key)
         self._send(
             Problem(
                 texts.render(text), "participant", texts.render_for_page(text), texts.render_by_input(text)

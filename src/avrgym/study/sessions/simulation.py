@@ -15,28 +15,28 @@ import numpy as np
 from avrgym.models.human import SEXES
 from avrgym.people import impairments
 from avrgym.people.motor import MOTION_VERSION
-from avrgym.people.population_names import Impairment
+from avrgym.people.population_names import ImpairmentName
 from avrgym.people.populations import Population, find_populations, population_label
 from avrgym.policies.registry import HumanOperator
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.preflight import load_study_policy, needed_policies
+from avrgym.study.checking.preflight import environment_policy_pairs, load_study_policy
 from avrgym.study.design.design import FILE
-from avrgym.study.people.participants import add_note, enrol, record_consent, record_inclusion
-from avrgym.study.sessions.visit import StudyVisit, has_remaining
+from avrgym.study.people.participants import add_note, enrol_participant, record_consent, record_inclusion
+from avrgym.study.sessions.visit import StudyVisit, has_unfinished_trials
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import UNKNOWN, StudyError
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system import random_streams
-from avrgym.system.jobs import cores, run_all
+from avrgym.system.jobs import core_count, starmap
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.world_people import environment_populations
 from avrgym.vr.emulation.in_process_client import ANSWER_DELAY_S, STATE_INTERVAL_TICKS, InProcessClient
 from avrgym.vr.emulation.simulated_participant import (
-    PARTICIPANTS,
+    PARTICIPANT_DISTRIBUTION,
+    ParticipantTraits,
     SimulatedParticipant,
-    Traits,
-    draw_traits,
+    sample_participant_traits,
 )
 
 if TYPE_CHECKING:
@@ -44,12 +44,12 @@ if TYPE_CHECKING:
 
 AGE_RANGE_YEARS = (19, 24)
 """Ages (years) of the youngest and the oldest participant in the paper."""
-LEFT_STUDY_STATES = ("excluded", "withdrawn", UNKNOWN)
+DROPOUT_STATES = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
 """States of participants that do not continue the study."""
 
 
 @dataclass(frozen=True)
-class DryRun:
+class DryRunSettings:
     """Settings of a dry run.
 
     ``people``: name of the population. ``populations``: the populations with this name, from which each participant is
@@ -57,17 +57,21 @@ class DryRun:
     """
 
     seed: int
-    people: str = "participants"
-    populations: tuple[Population, ...] = (Population("participants", PARTICIPANTS),)
-    impairment: Impairment = "none"
+    population_name: str = "participants"
+    populations: tuple[Population, ...] = (Population("participants", PARTICIPANT_DISTRIBUTION),)
+    impairment: ImpairmentName = "none"
 
     def __str__(self) -> str:
         words = f"simulated with seed {self.seed}, motion {MOTION_VERSION}"
-        words += "" if self.people == "participants" else f", people {population_label(self.people)}"
+        words += (
+            ""
+            if self.population_name == "participants"
+            else f", people {population_label(self.population_name)}"
+        )
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
 
-def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
+def find_dry_run_settings(seed: int, people: str, impairment: str) -> DryRunSettings:
     """Returns the settings of a dry run. ``people``: name of a population. ``impairment``: name of an impairment.
 
     Raises ``ValueError`` for an unknown name, and for a population with another version of the motion model.
@@ -78,7 +82,7 @@ def find_dry_run(seed: int, people: str, impairment: str) -> DryRun:
         raise ValueError(
             f"dry runs have motion version {MOTION_VERSION}; {people} has another version; allowed: {name}"
         )
-    return DryRun(seed, people, populations, impairments.find_impairment(impairment))
+    return DryRunSettings(seed, people, populations, impairments.find_impairment(impairment))
 
 
 def simulate_study(
@@ -109,21 +113,21 @@ def simulate_study(
         StudyError: if an earlier run had another seed or population, or if a session fails.
         PolicyError: if a policy of the design is missing. Nothing is stored then.
     """
-    dry_run = find_dry_run(seed, people, impairment)
+    dry_run = find_dry_run_settings(seed, people, impairment)
     with Store(folder) as store:
-        if cluster is not None and store.database.is_sqlite and cluster.several_computers():
+        if cluster is not None and store.database.is_sqlite and cluster.has_remote_nodes():
             raise StudyError(
                 "several computers cannot share a SQLite database: set a PostgreSQL url in study.toml, or use "
                 "--cluster local"
             )
-        for environment, policy in needed_policies(store):
+        for environment, policy in environment_policy_pairs(store):
             environment_populations(people, environment)
             if isinstance(load_study_policy(store, environment, policy), HumanOperator):
                 raise PolicyError(
                     f"{policy} needs a human operator, but a dry run has none; "
                     "remove this policy in a copy of the study"
                 )
-        pseudonyms = [simulated_participant(store, index, dry_run) for index in range(participants)]
+        pseudonyms = [find_or_enrol_participant(store, index, dry_run) for index in range(participants)]
         unfinished = [name for name in pseudonyms if store.participant(name).state == "allocated"]
         arguments = [(store.folder.resolve(), name, dry_run) for name in unfinished]
 
@@ -131,12 +135,12 @@ def simulate_study(
             progress(*_trials(store, pseudonyms))
 
         if cluster is None:
-            run_all(simulate_participant, arguments, jobs or cores(), report)
+            starmap(simulate_participant, arguments, jobs or core_count(), report)
         else:
-            cluster.run_all(_simulate_on_worker, arguments, report)
+            cluster.starmap(_simulate_on_worker, arguments, report)
 
 
-def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
+def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRunSettings) -> None:
     """Run ``simulate_participant`` on a worker of a cluster."""
     if not (folder / FILE).is_file():
         raise StudyError(
@@ -146,19 +150,19 @@ def _simulate_on_worker(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
     simulate_participant(folder, pseudonym, dry_run)
 
 
-def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRun) -> None:
+def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRunSettings) -> None:
     """Run the remaining trials of a simulated participant in this process. Stop if the participant withdraws."""
     with Store(folder) as store:
         try:
             _run_visits(store, pseudonym, dry_run)
         except RuntimeError:
-            if store.participant(pseudonym).state not in LEFT_STUDY_STATES:
+            if store.participant(pseudonym).state not in DROPOUT_STATES:
                 raise
 
 
-def _run_visits(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+def _run_visits(store: Store, pseudonym: str, dry_run: DryRunSettings) -> None:
     """Run sessions until no trial remains. A session ends at the maximum time in VR."""
-    while has_remaining(store, pseudonym):
+    while has_unfinished_trials(store, pseudonym):
         before = len(store.remaining_trials(pseudonym))
         _run_visit(store, pseudonym, dry_run)
         if len(store.remaining_trials(pseudonym)) == before:
@@ -168,73 +172,73 @@ def _run_visits(store: Store, pseudonym: str, dry_run: DryRun) -> None:
             )
 
 
-def _run_visit(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+def _run_visit(store: Store, pseudonym: str, dry_run: DryRunSettings) -> None:
     with StudyVisit(store, pseudonym) as visit:
         rng = _random(dry_run.seed, visit.stored.participant)
         for _ in range(sum(each.state == "closed" for each in store.sessions(pseudonym))):
             _draw_answers(store, visit.stored.participant, rng)
         _answer(visit, "before_session", rng)
-        while has_remaining(store, pseudonym) and not visit.headset_time.is_over:
+        while has_unfinished_trials(store, pseudonym) and not visit.headset_time.is_limit_reached:
             _run_trial(visit, dry_run)
             if visit.ended_elsewhere:
                 raise StudyError(f"another process ended {visit.stored}; run the command again")
         _answer(visit, "after_session", rng)
 
 
-def draw_participant_traits(participant: Participant, dry_run: DryRun) -> Traits:
+def draw_participant_traits(participant: Participant, dry_run: DryRunSettings) -> ParticipantTraits:
     """Returns the sampled body and behaviour of a simulated participant."""
     rng = _random(dry_run.seed, participant.number)
     seed = int(rng.integers(2**31))
     population = dry_run.populations[int(rng.integers(len(dry_run.populations)))]
     impairment = population.effective_impairment(dry_run.impairment)
-    return draw_traits(participant.sex, seed, population.distribution, impairment, population.trained)
+    return sample_participant_traits(
+        participant.sex, seed, population.distribution, impairment, population.trained_policy
+    )
 
 
 def _answer(visit: StudyVisit, when: str, rng: np.random.Generator) -> None:
     """Store random answers about the session. Already answered items also consume random numbers."""
-    asked = visit.items(when)
-    for item in visit.store.design.items_at(when, seed=visit.stored.participant):
+    asked = visit.unanswered_items(when)
+    for item in visit.store.design.items_at_moment(when, seed=visit.stored.participant):
         value = int(rng.integers(1, item.points + 1))
         if item in asked:
-            visit.record(Answer(item.id, value, ANSWER_DELAY_S), when).result()
+            visit.record_answer(Answer(item.id, value, ANSWER_DELAY_S), when).result()
 
 
 def _draw_answers(store: Store, participant: int, rng: np.random.Generator) -> None:
     """Consume the random numbers of the answers about one session."""
     for when in ("before_session", "after_session"):
-        for item in store.design.items_at(when, seed=participant):
+        for item in store.design.items_at_moment(when, seed=participant):
             rng.integers(1, item.points + 1)
 
 
-def _run_trial(visit: StudyVisit, dry_run: DryRun) -> None:
+def _run_trial(visit: StudyVisit, dry_run: DryRunSettings) -> None:
     """Run the first remaining trial in its own VR session."""
-    plan = visit.plan()
+    plan = visit.plan_trials()
     number = plan.first_trial
     traits = draw_participant_traits(visit.store.participant(visit.pseudonym), dry_run)
     participant = SimulatedParticipant(traits, plan.trials[number - 1].seed, plan.furniture)
     client = InProcessClient(participant, lambda text: None)
     reached = replace(plan, trials=plan.trials[:number])
-    session = visit.session(reached, client.receive, state_interval_ticks=STATE_INTERVAL_TICKS)
+    session = visit.create_session(reached, client.receive, state_interval_ticks=STATE_INTERVAL_TICKS)
     client.run(session)
 
 
-def simulated_participant(store: Store, index: int, dry_run: DryRun) -> str:
+def find_or_enrol_participant(store: Store, index: int, dry_run: DryRunSettings) -> str:
     """Returns the pseudonym of the simulated participant with this index (from 0). A missing one is enrolled."""
     present = [
-        person
-        for person in store.participants()
-        if person.simulated and person.state not in LEFT_STUDY_STATES
+        person for person in store.participants() if person.simulated and person.state not in DROPOUT_STATES
     ]
     if index < len(present):
         pseudonym = present[index].pseudonym
     else:
         age_years = int(_random(dry_run.seed, index).integers(AGE_RANGE_YEARS[0], AGE_RANGE_YEARS[1] + 1))
-        pseudonym = enrol(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
+        pseudonym = enrol_participant(store, SEXES[index % len(SEXES)], age_years=age_years, simulated=True)
     _consent_and_include(store, pseudonym, dry_run)
     return pseudonym
 
 
-def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRun) -> None:
+def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRunSettings) -> None:
     """Store consent and inclusion answers if they are missing."""
     note = str(dry_run)
     notes = [written.text for written in store.notes(pseudonym)]

@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from avrgym.study.storage.rows import StudySession
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 
 
 class StorageThread(ThreadPoolExecutor):
@@ -41,7 +41,7 @@ class StorageQueue:
         """Add a task. Returns its future. If the task fails, only the future raises the error."""
         return self._thread.submit(store)
 
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Returns whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
         failures = [error for future in self._take_done() if (error := future.exception())]
         if failures:
@@ -53,7 +53,7 @@ class StorageQueue:
             yield self._pending.popleft()
 
 
-CHECK_INTERVAL_S = 0.5
+SESSION_POLL_INTERVAL_S = 0.5
 """Interval in seconds between two checks of the session's state."""
 
 
@@ -75,11 +75,11 @@ class SessionMonitor:
         self._closed.set()
 
     def _run(self) -> None:
-        while not self._closed.wait(CHECK_INTERVAL_S) and not self.ended_elsewhere:
+        while not self._closed.wait(SESSION_POLL_INTERVAL_S) and not self.ended_elsewhere:
             with suppress(StudyError):  # other functions report an unreadable database
                 self._poll()
 
     def _poll(self) -> None:
-        with self._store.database.read() as connection:
-            still_open = find_all(connection, StudySession, id=self._session_id, state="open")
+        with self._store.database.read_transaction() as connection:
+            still_open = find_rows(connection, StudySession, id=self._session_id, state="open")
         self.ended_elsewhere = not still_open

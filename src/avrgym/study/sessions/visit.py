@@ -11,11 +11,11 @@ import msgspec
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Person
 from avrgym.policies.registry import plugins_used
-from avrgym.questionnaires.questionnaire import Item, translate
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.questionnaires.questionnaire import Item, translate_items
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.schema import Answer, Metrics
 from avrgym.simulation.start_clearance import NoClearanceError
-from avrgym.study.checking.policy_files import POLICIES_USED as POLICIES_USED
+from avrgym.study.checking.policy_files import POLICIES_USED_EVENT as POLICIES_USED_EVENT
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
@@ -27,16 +27,16 @@ from avrgym.study.sessions.links import language_message
 from avrgym.study.sessions.threads import SessionMonitor, StorageQueue
 from avrgym.study.storage.answers import (
     AFTER_BREAK,
-    answered_in_visit,
     attempts_with_open_questionnaire,
-    change_answer,
     change_session_answer,
-    record_answer,
+    change_trial_answer,
+    items_answered_in_visit,
     record_session_answer,
+    record_trial_answer,
     skip_questionnaire,
 )
-from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_attempt
-from avrgym.study.storage.free_text import check_line
+from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
+from avrgym.study.storage.free_text import check_single_line
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.session_summary import earlier_headset_s
 from avrgym.study.storage.sessions import (
@@ -50,18 +50,18 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import find_environment
 from avrgym.tasks.settings import Settings
-from avrgym.texts.interface_texts import Texts
-from avrgym.vr.protocol.messages import Command, Language, Send
+from avrgym.texts.interface_texts import InterfaceTexts
+from avrgym.vr.protocol.messages import Command, Language, SendMessage
 from avrgym.vr.session import events
-from avrgym.vr.session.events import Observer, SessionEvent
+from avrgym.vr.session.events import EventObserver, SessionEvent
 from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import HeadsetCheckPlan, OpenQuestionnaire, Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.preparation import ImmediateExecutor
 from avrgym.vr.session.session import Session
-from avrgym.vr.session.streams import Streams
+from avrgym.vr.session.streams import DeviceStreams
 
-STORE_TIMEOUT_S = 20.0
+SESSION_END_TIMEOUT_S = 20.0
 """Maximum time in seconds to store the end of a session."""
 
 
@@ -91,7 +91,7 @@ class StudyVisit:
         self.policies = _policies(store, pseudonym)
         participant = store.participant(pseudonym)
         self.texts = participant_texts(store, participant)
-        self.input = ParticipantInput(participant.input_profile or CONTROLLERS)
+        self.input = ParticipantInput(participant.input_profile or DEFAULT_INPUT_PROFILE)
         self.stored = open_session(store, pseudonym, take_over=take_over)
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
@@ -114,21 +114,23 @@ class StudyVisit:
         """Whether another process has ended the session."""
         return self._watch.ended_elsewhere
 
-    def plan(self, furniture: RealFurniture | None = None, *, headset_check: bool = False) -> SessionPlan:
+    def plan_trials(
+        self, furniture: RealFurniture | None = None, *, headset_check: bool = False
+    ) -> SessionPlan:
         """Returns the plan of the remaining trials, see ``plan_session``. Raises ``StudyError`` if no trial remains."""
-        if not has_remaining(self.store, self.pseudonym):
+        if not has_unfinished_trials(self.store, self.pseudonym):
             raise StudyError(
                 f"{self.pseudonym} has completed all trials; allowed: participants with remaining trials"
             )
         return plan_session(self.store, self.pseudonym, furniture, headset_check=headset_check)
 
-    def session(
+    def create_session(
         self,
         plan: SessionPlan,
-        send: Send,
+        send: SendMessage,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person, Settings]] | None = None,
-        streams: Streams | None = None,
+        streams: DeviceStreams | None = None,
         state_interval_ticks: int = 1,
     ) -> Session:
         """Returns a VR session with a plan. Its events are stored in the database. Arguments: see ``Session``.
@@ -140,11 +142,11 @@ class StudyVisit:
             return Session(
                 plan,
                 self.policies,
-                self.store.path(self.stored.folder),
+                self.store.absolute_path(self.stored.recordings_folder),
                 send,
                 self.identifier,
                 observe=self._observer(),
-                is_stored=self.storing.done,
+                is_stored=self.storing.is_done,
                 ended_elsewhere=lambda: self.ended_elsewhere,
                 workers=workers,
                 scenes=scenes,
@@ -161,34 +163,34 @@ class StudyVisit:
     def _store_policies(self) -> None:
         """Store the current policy files and plug-ins of the remaining trials."""
         files = msgspec.json.encode(policy_files(self.store)).decode()
-        record_session_event(self.store, self.stored.id, POLICIES_USED, files)
+        record_session_event(self.store, self.stored.id, POLICIES_USED_EVENT, files)
         used = {each for key, policy in self.policies.items() for each in plugins_used(key[0], policy)}
         for each in sorted(used, key=lambda plugin: plugin.label):
             record_session_event(
                 self.store, self.stored.id, "plug-in used", msgspec.json.encode(each).decode()
             )
 
-    def _observer(self) -> Observer:
-        store_event = EventStorage(self.store, self.stored, self.trials, self._watch)
+    def _observer(self) -> EventObserver:
+        store_event = EventRecorder(self.store, self.stored, self.trials, self._watch)
         return lambda event: self.storing.submit_checked(lambda: store_event(event))
 
-    def items(self, when: str) -> tuple[Item, ...]:
+    def unanswered_items(self, when: str) -> tuple[Item, ...]:
         """Returns the unanswered items about the session, in the participant's order and language.
 
         ``when``: moment, ``before_session`` or ``after_session``.
         """
-        asked = self.store.design.items_at(when, seed=self.stored.participant)
-        answered = answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
-        return translate([item for item in asked if (when, item.id) not in answered], self.texts)
+        asked = self.store.design.items_at_moment(when, seed=self.stored.participant)
+        answered = items_answered_in_visit(self.store, self.stored) if asked else set[tuple[str, str]]()
+        return translate_items([item for item in asked if (when, item.id) not in answered], self.texts)
 
-    def record(self, answer: Answer, when: str) -> Future[None]:
+    def record_answer(self, answer: Answer, when: str) -> Future[None]:
         """Store an answer about the session. Returns a future.
 
         The future raises ``StudyError`` for an invalid or second answer.
         """
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
-    def change(self, answer: Answer, when: str) -> Future[None]:
+    def change_answer(self, answer: Answer, when: str) -> Future[None]:
         """Store a changed answer about the session. Returns a future; it raises the errors of ``record``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
@@ -212,8 +214,8 @@ class StudyVisit:
         Raises:
             StudyError: if the reason is too long or contains control characters. Nothing is stopped then.
         """
-        check_line("the reason", reason)
-        if session is not None and session.phase != "finished":
+        check_single_line("the reason", reason)
+        if session is not None and session.phase_name != "finished":
             session.receive(Command(name="end"), now_s)
         return self.storing.submit(lambda: withdraw(self.store, self.pseudonym, reason))
 
@@ -232,7 +234,7 @@ class StudyVisit:
             StudyError: if the end cannot be stored. The start of the next session then ends this session.
         """
         try:
-            self.end().result(STORE_TIMEOUT_S)
+            self.end().result(SESSION_END_TIMEOUT_S)
         except TimeoutError as error:
             raise StudyError(
                 f"the end of {self.stored} was not stored because the database is busy"
@@ -251,7 +253,7 @@ class StudyVisit:
         self.close()
 
 
-def has_remaining(store: Store, pseudonym: str) -> bool:
+def has_unfinished_trials(store: Store, pseudonym: str) -> bool:
     """Returns whether the participant has a remaining trial or an open questionnaire."""
     return bool(
         store.remaining_trials(pseudonym)
@@ -293,12 +295,12 @@ def plan_session(
         participant.sex,
         design.free_movement_s,
         simulated=participant.simulated,
-        items=translate(design.items_at("after_trial"), texts),
+        items=translate_items(design.items_at_moment("after_trial"), texts),
         trial_steps=design.trial_steps,
         furniture=furniture or furniture_of(store, pseudonym) or design.furniture,
         force_guard=design.force_guard,
         withdraw_after_success=design.withdraw_after_success,
-        stop_rules=design.rules,
+        stop_rules=design.stop_rule_set,
         texts=texts,
         measure_reach=design.measure_reach and not participant.simulated,
         headset_check=HeadsetCheckPlan() if checked and not participant.simulated else None,
@@ -310,7 +312,7 @@ def plan_session(
         settings=design.settings,
         allow_other_settings=design.allow_other_settings,
         session_rules=design.sessions,
-        break_items=translate(design.items_at(AFTER_BREAK, participant.number), texts),
+        break_items=translate_items(design.items_at_moment(AFTER_BREAK, participant.number), texts),
     )
 
 
@@ -322,19 +324,19 @@ def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -
     attempt = left[0]
     number = next(i for i, trial in enumerate(trials, 1) if trial.id == attempt.trial)
     given = {each.item: each.value for each in store.answers(pseudonym) if each.attempt == attempt.id}
-    return OpenQuestionnaire(number, attempt.number, store.path(attempt.recording), given)
+    return OpenQuestionnaire(number, attempt.number, store.absolute_path(attempt.recording), given)
 
 
-def _trial_plan(store: Store, trial: Trial, attempts: int, texts: Texts) -> TrialPlan:
+def _trial_plan(store: Store, trial: Trial, attempts: int, texts: InterfaceTexts) -> TrialPlan:
     return TrialPlan(
         trial.environment,
         trial.policy,
         trial.seed,
         trial.practice,
         goal=texts.translate(store.design.goals.get(find_environment(trial.environment)[0], "")),
-        items=translate(store.design.items_at("after_trial", trial.seed), texts),
+        items=translate_items(store.design.items_at_moment("after_trial", trial.seed), texts),
         earlier_attempts=attempts,
-        settings=store.design.settings_of(trial.policy),
+        settings=store.design.settings_of_condition(trial.policy),
     )
 
 
@@ -354,7 +356,7 @@ def _policies(store: Store, pseudonym: str) -> Policies:
     }
 
 
-class EventStorage:
+class EventRecorder:
     """Stores the events of a VR session until another process ends the session. Storage errors are raised."""
 
     def __init__(
@@ -375,11 +377,11 @@ class EventStorage:
             case events.TrialBegun():
                 self._begin(event)
             case events.AnswerChanged():
-                change_answer(self._store, self._answered(event.trial), event.answer)
+                change_trial_answer(self._store, self._answered(event.trial), event.answer)
             case events.HeadsetChecked():
                 store_headset_check(self._store, self._session.id, event.check)
             case events.Answered():
-                record_answer(self._store, self._answered(event.trial), event.answer)
+                record_trial_answer(self._store, self._answered(event.trial), event.answer)
             case events.QuestionsLeft():
                 skip_questionnaire(self._store, self._answered(event.trial), event.items)
             case events.TrialEnded():
@@ -416,7 +418,7 @@ class EventStorage:
         """End a running attempt whose end could not be stored."""
         for attempt in self._store.attempts(self._pseudonym):
             if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
-                end_attempt(self._store, attempt.id, "failed")
+                end_incomplete_attempt(self._store, attempt.id, "failed")
         self._attempt = None
 
     def _end(self, ended: events.TrialEnded) -> None:
@@ -427,7 +429,7 @@ class EventStorage:
         if ended.result == "completed":
             complete_attempt(self._store, self._attempt.id, metrics)
         else:
-            end_attempt(self._store, self._attempt.id, ended.result, metrics)
+            end_incomplete_attempt(self._store, self._attempt.id, ended.result, metrics)
         self._attempt = None
 
     def _skip(self, skipped: events.TrialSkipped) -> None:

@@ -5,20 +5,20 @@ import shutil
 from collections.abc import Iterable
 from pathlib import Path
 
-FOLDER = "analysis"
+ANALYSIS_FOLDER = "analysis"
 """Default folder of an analysis, relative to the study's folder."""
-RESULTS = "results.json"
+RESULTS_FILE = "results.json"
 """File name of the results of an analysis."""
-UNFINISHED_PREFIX = ".analysis-"
+TEMPORARY_FOLDER_PREFIX = ".analysis-"
 """Prefix of the temporary folder of an analysis. A killed analysis leaves this folder behind."""
-FORMAT_NAME = "avrgym analysis"
+ANALYSIS_FORMAT = "avrgym analysis"
 
 
-def previous_files(folder: Path) -> list[str] | None:
+def previous_analysis_files(folder: Path) -> list[str] | None:
     """Returns the files of an earlier analysis in a folder, without ``results.json``; ``None`` without an analysis."""
     try:
-        results = json.loads((folder / RESULTS).read_bytes())
-        return list(map(str, results["files"])) if results["format"].startswith(FORMAT_NAME) else None
+        results = json.loads((folder / RESULTS_FILE).read_bytes())
+        return list(map(str, results["files"])) if results["format"].startswith(ANALYSIS_FORMAT) else None
     except (OSError, ValueError, AttributeError, KeyError, TypeError):
         return None
 
@@ -32,15 +32,15 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 def remove_analysis(folder: Path) -> None:
     """Remove the files of an analysis from a folder, ``results.json`` last. Other files are kept."""
-    names = previous_files(folder)
+    names = previous_analysis_files(folder)
     if names is not None:
-        remove_files(folder, [*names, RESULTS])
-    for path in unfinished_analyses(folder):
+        remove_files(folder, [*names, RESULTS_FILE])
+    for path in leftover_analysis_folders(folder):
         shutil.rmtree(path)
 
 
-def unfinished_analyses(folder: Path) -> list[Path]:
+def leftover_analysis_folders(folder: Path) -> list[Path]:
     """Returns the temporary folders of killed and running analyses."""
     return sorted(
-        path for path in folder.glob(f"{UNFINISHED_PREFIX}*") if path.is_dir() and not path.is_symlink()
+        path for path in folder.glob(f"{TEMPORARY_FOLDER_PREFIX}*") if path.is_dir() and not path.is_symlink()
     )

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from msgspec.structs import asdict
 
 from avrgym.commands.respondents import CAREGIVER
-from avrgym.questionnaires.questionnaire import SESSION_MOMENTS, Item, validate_answer
+from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Item, validate_answer
 from avrgym.recording.schema import Answer
 from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema
@@ -22,68 +22,68 @@ from avrgym.study.storage.rows import (
     TrialAttempt,
     pseudonym_of,
 )
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
-    find,
-    find_all,
+    event_subject,
     find_open_session,
+    find_row,
+    find_rows,
     find_running_attempt,
     find_session,
     record_event,
-    subject_of,
 )
 
-ANSWER_CHANGED = "answer changed"
+ANSWER_CHANGED_EVENT = "answer changed"
 """Name of the event for a changed answer. Its detail contains the item and both values."""
 AFTER_BREAK = "after_break"
 """The moment after a break. A participant may answer its items several times in a session."""
-ANSWERED = "answered"
+SESSION_ANSWER_EVENT_PREFIX = "answered"
 """First word of the event name for an answer about a session; the second word is the moment. Detail: the item."""
-QUESTIONNAIRE_OPEN, QUESTIONNAIRE_SKIPPED = "questionnaire open", "questionnaire left"
+OPEN_QUESTIONNAIRE_EVENT, SKIPPED_QUESTIONNAIRE_EVENT = "questionnaire open", "questionnaire left"
 """Names of the events for a completed trial with unanswered items, and for items that the experimenter skipped."""
 
 
-def record_answer(store: Store, attempt_id: int, answer: Answer) -> None:
+def record_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Store an answer to an item after a trial.
 
     Raises:
         StudyError: for an invalid or second answer. Also if the attempt is not running and has no open questionnaire.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         attempt = _find_answerable(connection, attempt_id)
-        given = find_all(connection, StudyAnswer, attempt=attempt.id)
-        items = store.design.items_at("after_trial")
+        given = find_rows(connection, StudyAnswer, attempt=attempt.id)
+        items = store.design.items_at_moment("after_trial")
         about = {"session": attempt.session, "attempt": attempt.id}
         _insert_answer(connection, items, given, answer, about)
 
 
-def change_answer(store: Store, attempt_id: int, answer: Answer) -> None:
+def change_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
     """Replace the answer to an item. An event contains the earlier value.
 
     Raises:
         StudyError: for an invalid answer, or if the item was not answered. Also if the attempt is not running and had
             no open questionnaire.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         attempt = _find_answerable(connection, attempt_id)
-        given = find_all(connection, StudyAnswer, attempt=attempt.id)
+        given = find_rows(connection, StudyAnswer, attempt=attempt.id)
         event = {"session": attempt.session, "attempt": attempt.id}
-        _change(connection, store.design.items_at("after_trial"), given, answer, event)
+        _change(connection, store.design.items_at_moment("after_trial"), given, answer, event)
 
 
 def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
     """Replace the answer to an item about a session. An event contains the earlier value.
 
-    ``when``: the moment of the answer, one of ``MOMENTS``. Raises the errors of ``change_answer``.
+    ``when``: the moment of the answer, one of ``MOMENTS``. Raises the errors of ``change_trial_answer``.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
-        answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
-        moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
+        answers = find_rows(connection, StudyAnswer, session=session.id, attempt=None)
+        moments = answer_moments(store.design, answers, find_rows(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == when]
-        _change(connection, store.design.items_at(when), given, answer, subject_of(session))
+        _change(connection, store.design.items_at_moment(when), given, answer, event_subject(session))
 
 
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
@@ -95,19 +95,23 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
         StudyError: for an invalid or second answer, or if the session is not open.
     """
     moment = when or _only_moment(store.design, answer.item)
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
-        answers = find_all(connection, StudyAnswer, session=session.id, attempt=None)
-        moments = answer_moments(store.design, answers, find_all(connection, StudyEvent, session=session.id))
+        answers = find_rows(connection, StudyAnswer, session=session.id, attempt=None)
+        moments = answer_moments(store.design, answers, find_rows(connection, StudyEvent, session=session.id))
         given = [each for each in answers if moments[each.id] == moment and moment != AFTER_BREAK]
-        _insert_answer(connection, store.design.items_at(moment), given, answer, {"session": session.id})
-        record_event(connection, f"{ANSWERED} {moment}", answer.item, subject_of(session))
+        _insert_answer(
+            connection, store.design.items_at_moment(moment), given, answer, {"session": session.id}
+        )
+        record_event(
+            connection, f"{SESSION_ANSWER_EVENT_PREFIX} {moment}", answer.item, event_subject(session)
+        )
 
 
 def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
     """Returns the caregiver's answers to the questions for caregivers about a session, by item."""
-    with store.database.read() as connection:
-        given = find_all(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
+    with store.database.read_transaction() as connection:
+        given = find_rows(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
     return {each.item: each.value for each in given}
 
 
@@ -117,12 +121,12 @@ def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> No
     Raises:
         StudyError: for an invalid answer, or an unknown session.
     """
-    items = store.design.items_at(CAREGIVER)
-    with store.database.write() as connection:
+    items = store.design.items_at_moment(CAREGIVER)
+    with store.database.write_transaction() as connection:
         session = find_session(connection, session_id)
-        given = find_all(connection, StudyAnswer, session=session.id, attempt=None, respondent=CAREGIVER)
+        given = find_rows(connection, StudyAnswer, session=session.id, attempt=None, respondent=CAREGIVER)
         if any(each.item == answer.item for each in given):
-            _change(connection, items, given, answer, subject_of(session))
+            _change(connection, items, given, answer, event_subject(session))
         else:
             _insert_answer(connection, items, given, answer, {"session": session.id}, CAREGIVER)
 
@@ -137,9 +141,9 @@ def answer_moments(
     """
     of_events: dict[tuple[int | None, str], list[str]] = {}
     for event in events:
-        if event.name.startswith(f"{ANSWERED} "):
+        if event.name.startswith(f"{SESSION_ANSWER_EVENT_PREFIX} "):
             of_events.setdefault((event.session, event.detail), []).append(
-                event.name.removeprefix(f"{ANSWERED} ")
+                event.name.removeprefix(f"{SESSION_ANSWER_EVENT_PREFIX} ")
             )
     moments: dict[int, str] = {}
     for answer in reversed(list(answers)):
@@ -153,7 +157,7 @@ def answer_moments(
     return moments
 
 
-def sessions_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
+def session_ids_of_visit(sessions: Sequence[StudySession], session_id: int) -> list[int]:
     """Returns the ids of the sessions in a visit: a session, and the interrupted sessions directly before it.
 
     ``sessions``: all sessions of a participant, in order.
@@ -176,14 +180,14 @@ def reconcile_answers(
     For each item, the source with more answers is newer, because answers are only added or changed.
     """
     items, event = (
-        store.design.items_at("after_trial"),
+        store.design.items_at_moment("after_trial"),
         {"session": attempt.session, "attempt": attempt.id},
     )
-    before = find_all(connection, StudyAnswer, attempt=attempt.id)
+    before = find_rows(connection, StudyAnswer, attempt=attempt.id)
     counts = {each.item: 1 + _changes(connection, attempt, each.item) for each in before}
     for number, answer in enumerate(recorded):
         earlier = sum(each.item == answer.item for each in recorded[:number])
-        given = find_all(connection, StudyAnswer, attempt=attempt.id)
+        given = find_rows(connection, StudyAnswer, attempt=attempt.id)
         if earlier >= counts.get(answer.item, 0):
             change = _change if any(each.item == answer.item for each in given) else _insert_answer
             change(connection, items, given, answer, event)
@@ -196,14 +200,14 @@ def reconcile_answers(
 
 
 def _changes(connection: sa.Connection, attempt: TrialAttempt, item: str) -> int:
-    changed = find_all(connection, StudyEvent, attempt=attempt.id, name=ANSWER_CHANGED)
+    changed = find_rows(connection, StudyEvent, attempt=attempt.id, name=ANSWER_CHANGED_EVENT)
     return sum(event.detail.startswith(f"{item} from ") for event in changed)
 
 
-def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
+def items_answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str]]:
     """Returns moment and item of each answer about a session in the session's visit."""
     pseudonym = pseudonym_of(session.participant)
-    visit = sessions_of_visit(store.sessions(pseudonym), session.id)
+    visit = session_ids_of_visit(store.sessions(pseudonym), session.id)
     answers = [
         answer for answer in store.answers(pseudonym) if answer.attempt is None and answer.session in visit
     ]
@@ -213,14 +217,16 @@ def answered_in_visit(store: Store, session: StudySession) -> set[tuple[str, str
 
 def _only_moment(design: Design, item_id: str) -> str:
     """Returns the moment of an item about a session. If the item has two moments, it is the first one."""
-    questionnaire = design.questionnaire_of(item_id)
+    questionnaire = design.questionnaire_of_item(item_id)
     moments = questionnaire.moments if questionnaire else ()
-    return next((moment for moment in SESSION_MOMENTS if moment in moments), SESSION_MOMENTS[-1])
+    return next(
+        (moment for moment in SESSION_QUESTION_MOMENTS if moment in moments), SESSION_QUESTION_MOMENTS[-1]
+    )
 
 
 def attempts_with_open_questionnaire(store: Store, attempts: Iterable[TrialAttempt]) -> list[TrialAttempt]:
     """Returns the attempts with an open questionnaire, as defined by ``has_open_questionnaire``."""
-    with store.database.read() as connection:
+    with store.database.read_transaction() as connection:
         return [attempt for attempt in attempts if has_open_questionnaire(store, connection, attempt)]
 
 
@@ -228,19 +234,19 @@ def has_open_questionnaire(store: Store, connection: sa.Connection, attempt: Tri
     """Returns whether an attempt completed its trial, but has unanswered items that were not skipped."""
     names = _events_of(connection, attempt.id) if attempt.state == "completed" else set[str]()
     return (
-        QUESTIONNAIRE_OPEN in names
-        and QUESTIONNAIRE_SKIPPED not in names
+        OPEN_QUESTIONNAIRE_EVENT in names
+        and SKIPPED_QUESTIONNAIRE_EVENT not in names
         and bool(unanswered_items(store, connection, attempt))
     )
 
 
 def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> None:
     """Store that the experimenter skipped items of an attempt. ``items``: ids of the items."""
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         attempt = _find_answerable(connection, attempt_id)
         record_event(
             connection,
-            QUESTIONNAIRE_SKIPPED,
+            SKIPPED_QUESTIONNAIRE_EVENT,
             ", ".join(items),
             {"session": attempt.session, "attempt": attempt.id},
         )
@@ -248,28 +254,28 @@ def skip_questionnaire(store: Store, attempt_id: int, items: Sequence[str]) -> N
 
 def had_open_questionnaire(connection: sa.Connection, attempt: TrialAttempt) -> bool:
     """Returns whether an attempt had unanswered items when it completed its trial."""
-    return QUESTIONNAIRE_OPEN in _events_of(connection, attempt.id)
+    return OPEN_QUESTIONNAIRE_EVENT in _events_of(connection, attempt.id)
 
 
 def _find_answerable(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
     """Returns an attempt that is running, or that completed its trial with unanswered items."""
-    found = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
+    found = find_row(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if found.state == "completed" and had_open_questionnaire(connection, found):
         return found
     return find_running_attempt(connection, attempt_id)
 
 
 def _events_of(connection: sa.Connection, attempt_id: int) -> set[str]:
-    return {event.name for event in find_all(connection, StudyEvent, attempt=attempt_id)}
+    return {event.name for event in find_rows(connection, StudyEvent, attempt=attempt_id)}
 
 
 def unanswered_items(store: Store, connection: sa.Connection, attempt: TrialAttempt) -> list[str]:
     """Returns the ids of the unanswered items of an attempt; empty for practice trials."""
-    trial = find(connection, Trial, "trial", id=attempt.trial)
+    trial = find_row(connection, Trial, "trial", id=attempt.trial)
     if trial.practice:
         return []
-    given = {answer.item for answer in find_all(connection, StudyAnswer, attempt=attempt.id)}
-    return [item.id for item in store.design.items_at("after_trial") if item.id not in given]
+    given = {answer.item for answer in find_rows(connection, StudyAnswer, attempt=attempt.id)}
+    return [item.id for item in store.design.items_at_moment("after_trial") if item.id not in given]
 
 
 def _change(
@@ -286,12 +292,14 @@ def _change(
     changed: dict[str, Any] = {
         "value": answer.value,
         "response_time_s": answer.response_time_s,
-        "answered_at": now(),
+        "answered_at": utc_timestamp(),
     }
     if earlier.respondent != CAREGIVER:
         changed["respondent"] = _respondent(connection, earlier.session)
-    hash_chain.update(connection, schema.ANSWER, earlier.id, **changed)
-    record_event(connection, ANSWER_CHANGED, f"{answer.item} from {earlier.value} to {answer.value}", event)
+    hash_chain.update(connection, schema.ANSWER_TABLE, earlier.id, **changed)
+    record_event(
+        connection, ANSWER_CHANGED_EVENT, f"{answer.item} from {earlier.value} to {answer.value}", event
+    )
 
 
 def _insert_answer(
@@ -310,16 +318,16 @@ def _insert_answer(
     if any(earlier.item == answer.item for earlier in given):
         raise StudyError(f"{answer.item} is answered already; the participant can go back and change it")
     values = asdict(answer) | {
-        "answered_at": now(),
+        "answered_at": utc_timestamp(),
         "respondent": respondent or _respondent(connection, about["session"]),
     }
-    hash_chain.insert(connection, schema.ANSWER, **values, **about)
+    hash_chain.insert(connection, schema.ANSWER_TABLE, **values, **about)
 
 
 def _respondent(connection: sa.Connection, session_id: int) -> str | None:
     """Returns the person who answers for the participant of a session; ``None`` for the participant."""
-    session = find(connection, StudySession, f"session {session_id}", id=session_id)
-    return find(connection, Participant, "participant", number=session.participant).respondent
+    session = find_row(connection, StudySession, f"session {session_id}", id=session_id)
+    return find_row(connection, Participant, "participant", number=session.participant).respondent
 
 
 def _check(items: tuple[Item, ...], answer: Answer) -> None:

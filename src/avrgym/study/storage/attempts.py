@@ -14,29 +14,29 @@ from avrgym.recording.reader import RecordingError, read_recording
 from avrgym.recording.schema import ATTEMPT_ENDS, AttemptEnd, Metrics
 from avrgym.recording.writer import complete_truncated_recording
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.answers import QUESTIONNAIRE_OPEN, reconcile_answers, unanswered_items
+from avrgym.study.storage.answers import OPEN_QUESTIONNAIRE_EVENT, reconcile_answers, unanswered_items
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
     change_state,
-    find,
-    find_all,
+    event_subject,
     find_open_session,
+    find_row,
+    find_rows,
     find_running_attempt,
     find_session,
     find_trial,
     record_event,
-    subject_of,
 )
 from avrgym.system.files import make_private_folder
 
-INCOMPLETE_ENDS: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
+INCOMPLETE_END_STATES: tuple[AttemptEnd, ...] = tuple(end for end in ATTEMPT_ENDS if end != "completed")
 """End states of attempts that did not complete their trial."""
-NO_METRICS = Metrics()
+EMPTY_METRICS = Metrics()
 """Metrics of an attempt that has no results."""
-CHECKSUM_DIFFERS = "was changed: its checksum differs"
+CHECKSUM_MISMATCH_MESSAGE = "was changed: its checksum differs"
 """Error message for a recording that changed after the end of its attempt."""
 
 
@@ -63,16 +63,16 @@ def begin_attempt(
     Raises:
         StudyError: if another attempt is running in the session, or if the file is in another folder.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "running", subject_of(session))
+        change_state(connection, trial, "running", event_subject(session))
         _check_idle(connection, session)
-        number = len(find_all(connection, TrialAttempt, trial=trial.id)) + 1
+        number = len(find_rows(connection, TrialAttempt, trial=trial.id)) + 1
         name = _name(store, session, recording) if recording else _free_name(store, session, trial, number)
         attempt = hash_chain.insert(
             connection,
-            schema.ATTEMPT,
+            schema.ATTEMPT_TABLE,
             trial=trial.id,
             session=session.id,
             number=number,
@@ -81,10 +81,10 @@ def begin_attempt(
             metrics={},
             torso_height_m=torso_height_m,
             input_profile=None if input_profile is None else msgspec.to_builtins(input_profile),
-            started_at=now(),
+            started_at=utc_timestamp(),
         )
-        record_event(connection, "attempt running", name, {**subject_of(session), "attempt": attempt})
-        return find(connection, TrialAttempt, "attempt", id=attempt)
+        record_event(connection, "attempt running", name, {**event_subject(session), "attempt": attempt})
+        return find_row(connection, TrialAttempt, "attempt", id=attempt)
 
 
 def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
@@ -98,36 +98,38 @@ def complete_attempt(store: Store, attempt_id: int, metrics: Metrics) -> None:
     Raises:
         StudyError: if the attempt is not running or has no recording.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         attempt = find_running_attempt(connection, attempt_id)
-        if not store.path(attempt.recording).is_file():
+        if not store.absolute_path(attempt.recording).is_file():
             raise StudyError(
                 f"{attempt} cannot be completed: {attempt.recording} is missing; restore the file"
             )
-        finish_attempt(store, connection, attempt, "completed", metrics)
+        store_attempt_end(store, connection, attempt, "completed", metrics)
 
 
-def end_attempt(store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = NO_METRICS) -> None:
+def end_incomplete_attempt(
+    store: Store, attempt_id: int, state: AttemptEnd, metrics: Metrics = EMPTY_METRICS
+) -> None:
     """End an incomplete attempt. Its trial becomes planned again.
 
     Args:
         store: the study.
         attempt_id: a running attempt.
-        state: one of ``INCOMPLETE_ENDS``.
+        state: one of ``INCOMPLETE_END_STATES``.
         metrics: metrics of the attempt.
 
     Raises:
         StudyError: for another state, or if the attempt is not running.
     """
-    if state not in INCOMPLETE_ENDS:
+    if state not in INCOMPLETE_END_STATES:
         raise StudyError(
-            f"{state!r} is not an end state of an incomplete attempt; allowed: {', '.join(INCOMPLETE_ENDS)}"
+            f"{state!r} is not an end state of an incomplete attempt; allowed: {', '.join(INCOMPLETE_END_STATES)}"
         )
-    with store.database.write() as connection:
-        finish_attempt(store, connection, find_running_attempt(connection, attempt_id), state, metrics)
+    with store.database.write_transaction() as connection:
+        store_attempt_end(store, connection, find_running_attempt(connection, attempt_id), state, metrics)
 
 
-def finish_attempt(
+def store_attempt_end(
     store: Store,
     connection: sa.Connection,
     attempt: TrialAttempt,
@@ -140,11 +142,11 @@ def finish_attempt(
 
     ``after``: the attempt's new state. ``closed``: the recording is closed, so its checksum is stored.
     """
-    trial = find(connection, Trial, "trial", id=attempt.trial)
+    trial = find_row(connection, Trial, "trial", id=attempt.trial)
     session = find_session(connection, attempt.session)
-    event = {**subject_of(session), "attempt": attempt.id}
+    event = {**event_subject(session), "attempt": attempt.id}
     ended = {
-        "ended_at": now(),
+        "ended_at": utc_timestamp(),
         "sha256": recording_sha256(store, attempt.recording) if closed else None,
         "metrics": _finite(metrics),
     }
@@ -152,10 +154,10 @@ def finish_attempt(
     change_state(connection, trial, "completed" if after == "completed" else "planned", event)
     missing = unanswered_items(store, connection, attempt) if after == "completed" else []
     if missing:
-        record_event(connection, QUESTIONNAIRE_OPEN, ", ".join(missing), event)
+        record_event(connection, OPEN_QUESTIONNAIRE_EVENT, ", ".join(missing), event)
 
 
-def finished_metrics(
+def recover_attempt_metrics(
     store: Store, connection: sa.Connection, attempt: TrialAttempt, *, writer_ended: bool
 ) -> Metrics | None:
     """Returns the metrics of an attempt after a crash; ``None`` if the robot had not finished.
@@ -166,7 +168,7 @@ def finished_metrics(
     Raises:
         StudyError: if the recording or its answers cannot be written.
     """
-    path = store.path(attempt.recording)
+    path = store.absolute_path(attempt.recording)
     if not path.is_file():
         return None
     try:
@@ -175,7 +177,7 @@ def finished_metrics(
         recording = read_recording(path)
         if not (recording.complete and recording.result == "completed"):
             return None
-        answers = [answer for _, answer in recording.topics["/answers"]]
+        answers = [answer for _, answer in recording.messages_by_topic["/answers"]]
         for answer in reconcile_answers(store, connection, attempt, answers):
             answers_file.append_answer(path, answer)
     except RecordingError:
@@ -189,7 +191,7 @@ def finished_metrics(
 
 def recording_sha256(store: Store, recording: str) -> str | None:
     """Returns the SHA-256 of a recording; ``None`` if it does not exist."""
-    path = store.path(recording)
+    path = store.absolute_path(recording)
     if not path.is_file():
         return None
     with open(path, "rb") as file:
@@ -206,24 +208,24 @@ def _finite(metrics: Metrics) -> dict[str, bool | int | float]:
 
 
 def _check_idle(connection: sa.Connection, session: StudySession) -> None:
-    running = find_all(connection, TrialAttempt, session=session.id, state="running")
+    running = find_rows(connection, TrialAttempt, session=session.id, state="running")
     if running:
         raise StudyError(f"the attempt {running[0]} is running; end it before you start another attempt")
 
 
 def _name(store: Store, session: StudySession, recording: Path) -> str:
     """Returns the path of an attempt's recording, relative to the study's folder."""
-    folder = store.path(session.folder)
+    folder = store.absolute_path(session.recordings_folder)
     if recording.resolve().parent != folder.resolve() or not recording.is_file():
         raise StudyError(f"{recording} is not a file in {folder}; allowed: files in the session's folder")
-    return f"{session.folder}/{recording.name}"
+    return f"{session.recordings_folder}/{recording.name}"
 
 
 def _free_name(store: Store, session: StudySession, trial: Trial, number: int) -> str:
     """Returns the first unused path for a recording, with attempt number ``number`` or higher."""
-    make_private_folder(store.path(session.folder))
+    make_private_folder(store.absolute_path(session.recordings_folder))
     while True:
-        recording = f"{session.folder}/trial-{trial.position:02}_attempt-{number}.mcap"
-        if not os.path.lexists(store.path(recording)):
+        recording = f"{session.recordings_folder}/trial-{trial.position:02}_attempt-{number}.mcap"
+        if not os.path.lexists(store.absolute_path(recording)):
             return recording
         number += 1

@@ -11,51 +11,57 @@ from getpass import getuser
 import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, schema
-from avrgym.study.storage.rows import LogEntry, Participant, Tombstone, Trial, participant_number
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.rows import (
+    AuditLogEntry,
+    DeletedParticipant,
+    Participant,
+    Trial,
+    participant_number,
+)
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.sites import ROWS_PER_SITE
 from avrgym.study.storage.states import StudyError
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 
-OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT = (
+PERSONAL_TOKEN, SHARED_TOKEN, SPECTATOR_TOKEN, COMPUTER_ACCOUNT = (
     "own token",
     "shared token",
     "spectator's token",
     "account",
 )
-IDENTIFICATION_METHODS = (OWN_TOKEN, SHARED_TOKEN, SPECTATORS_TOKEN, ACCOUNT)
+IDENTIFICATION_METHODS = (PERSONAL_TOKEN, SHARED_TOKEN, SPECTATOR_TOKEN, COMPUTER_ACCOUNT)
 """Methods that identify a person: personal token, shared token, spectator's token, or account on the computer."""
-SHARED_TOKEN_NAME = "unnamed"
+UNNAMED_PERSON = "unnamed"
 """Stored name of every person with a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
 """Names of two actions. The detail of their log entries is the name of an experimenter."""
-REFUSED = "refused"
+REJECTED_COMMAND = "refused"
 """Detail of the log entry of a rejected command."""
 
 
 @dataclass(frozen=True)
-class Actor:
-    """A person in the audit log. ``identified_by``: one of ``IDENTIFICATION_METHODS``."""
+class AuditActor:
+    """A person in the audit log. ``identification_method``: one of ``IDENTIFICATION_METHODS``."""
 
     name: str
-    identified_by: str
+    identification_method: str
 
 
-def account_actor() -> Actor:
+def process_user() -> AuditActor:
     """Returns the user of this process. The name comes from the operating system, not from environment variables."""
     try:
         import pwd
 
-        return Actor(pwd.getpwuid(os.getuid()).pw_name, ACCOUNT)
+        return AuditActor(pwd.getpwuid(os.getuid()).pw_name, COMPUTER_ACCOUNT)
     except ModuleNotFoundError:  # Windows
-        return Actor(getuser(), ACCOUNT)
+        return AuditActor(getuser(), COMPUTER_ACCOUNT)
     except KeyError:  # an account without a name, as in containers
-        return Actor(f"account {os.getuid()}", ACCOUNT)
+        return AuditActor(f"account {os.getuid()}", COMPUTER_ACCOUNT)
 
 
-def add_entry(
+def add_log_entry(
     store: Store,
-    actor: Actor,
+    actor: AuditActor,
     name: str,
     participant: str | None = None,
     detail: str = "",
@@ -77,15 +83,15 @@ def add_entry(
     Raises:
         StudyError: if the study cannot be written.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         completed, planned = _progress(store, connection) if shows_results else (None, None)
         hash_chain.insert(
             connection,
-            schema.LOG,
+            schema.LOG_TABLE,
             id=_next_id(connection),
-            at=at or now(),
+            at=at or utc_timestamp(),
             person=actor.name,
-            known_by=actor.identified_by,
+            known_by=actor.identification_method,
             name=name,
             participant=_number(participant),
             detail=detail,
@@ -104,7 +110,7 @@ def _number(pseudonym: str | None) -> int | None:
 
 def _next_id(connection: sa.Connection) -> int:
     """Returns the id for a new log entry of this study. Ids from ``ROWS_PER_SITE`` belong to merged sites."""
-    ids = sa.select(sa.func.max(schema.LOG.c.id)).where(schema.LOG.c.id < ROWS_PER_SITE)
+    ids = sa.select(sa.func.max(schema.LOG_TABLE.c.id)).where(schema.LOG_TABLE.c.id < ROWS_PER_SITE)
     return (connection.execute(ids).scalar() or 0) + 1
 
 
@@ -113,22 +119,22 @@ def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int 
 
     Simulated participants are counted only if all participants are simulated.
     """
-    everyone = find_all(connection, Participant)
-    simulated = all(each.simulated for each in [*everyone, *find_all(connection, Tombstone)])
+    everyone = find_rows(connection, Participant)
+    simulated = all(each.simulated for each in [*everyone, *find_rows(connection, DeletedParticipant)])
     own = {each.number: each for each in everyone if each.simulated is simulated}
-    completed_trials = find_all(connection, Trial, state="completed", practice=False)
+    completed_trials = find_rows(connection, Trial, state="completed", practice=False)
     if not any(trial.participant in own for trial in completed_trials):
         return None, None
     return sum(each.state == "completed" for each in own.values()), store.design.participants
 
 
-def describe_person(entry: LogEntry, sites: Mapping[int, str]) -> str:
+def describe_log_person(entry: AuditLogEntry, sites: Mapping[int, str]) -> str:
     """Returns the person of a log entry as text. ``sites``: names of the merged sites, by site number."""
     who = {
-        OWN_TOKEN: entry.person,
+        PERSONAL_TOKEN: entry.person,
         SHARED_TOKEN: "an unnamed experimenter",
-        SPECTATORS_TOKEN: "a spectator",
-        ACCOUNT: f"the account {entry.person}",
+        SPECTATOR_TOKEN: "a spectator",
+        COMPUTER_ACCOUNT: f"the account {entry.person}",
     }.get(entry.known_by, entry.person)
     site = sites.get(entry.id // ROWS_PER_SITE)
     return f"{who} of {site}" if site else who

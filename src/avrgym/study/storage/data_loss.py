@@ -2,13 +2,13 @@
 
 from collections.abc import Iterator, Sequence
 
-from avrgym.study.storage.participation import REBUILT
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT
 from avrgym.study.storage.rows import Participant, StudyEvent
 from avrgym.study.storage.sites import ROWS_PER_SITE
-from avrgym.study.storage.states import UNKNOWN
+from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store
 
-PARTICIPATION_CONFIRMED = "participation confirmed"
+PARTICIPATION_CONFIRMED_EVENT = "participation confirmed"
 """Name of the event for a consent that the experimenter confirmed from other records after a data loss."""
 
 
@@ -21,12 +21,12 @@ def _sentences(store: Store) -> Iterator[str]:
     sites = {site.number: site.name for site in store.sites()}
     events, people = store.events(), store.participants()
     for event in events:
-        if event.name == REBUILT:
+        if event.name == DATABASE_REBUILT_EVENT:
             yield (
                 f"The study's database{_of_site(sites, event)} was lost and rebuilt from the recordings at {event.at} "
                 f"(UTC); {event.detail}. A plan is confirmatory only if a trusted time stamp proves its date."
             )
-    unknown = [each.pseudonym for each in people if each.state == UNKNOWN]
+    unknown = [each.pseudonym for each in people if each.state == UNKNOWN_PARTICIPATION]
     if unknown:
         yield (
             "Consent, withdrawal or deletion is unknown since the loss of the database; these participants are in no "
@@ -45,5 +45,5 @@ def _of_site(sites: dict[int, str], event: StudyEvent) -> str:
 
 
 def _confirmed(people: Sequence[Participant], events: Sequence[StudyEvent]) -> list[str]:
-    numbers = {event.participant for event in events if event.name == PARTICIPATION_CONFIRMED}
+    numbers = {event.participant for event in events if event.name == PARTICIPATION_CONFIRMED_EVENT}
     return [each.pseudonym for each in people if each.number in numbers]

@@ -19,23 +19,23 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.exc import SQLAlchemyError
 
 from avrgym.study.storage import hash_chain, sqlite
-from avrgym.study.storage.integrity_files import HEAD, MISMATCH, IntegrityFileError, IntegrityFiles
+from avrgym.study.storage.integrity_files import HEAD_FILE, MISMATCH_FILE, IntegrityFileError, IntegrityFiles
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, ParticipationList
 from avrgym.study.storage.participation import FILE as PARTICIPATION
-from avrgym.study.storage.participation import REBUILT, ParticipationList
-from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare, reconcile
-from avrgym.study.storage.schema import EVENT, METADATA, PARTICIPANT, SITE, TOMBSTONE
+from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare_with_list, reconcile
+from avrgym.study.storage.schema import EVENT_TABLE, METADATA, PARTICIPANT_TABLE, SITE_TABLE, TOMBSTONE_TABLE
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.study_folder import find_database_traces
-from avrgym.system.files import make_private_folder, write_new
+from avrgym.system.files import make_private_folder, write_private_file
 
 FILE = "study.db"
-BACKUPS = "backups"
+BACKUP_FOLDER = "backups"
 """Folder of backups before migrations, relative to the study's folder."""
-CHECKSUM_WAIT_S = 1.0
+CHECKSUM_LOCK_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for the database lock when the checksum is stored."""
-URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
+DATABASE_URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 """Environment variable with the database URL. It replaces the URL in ``study.toml``."""
-MIGRATIONS = Path(__file__).parent / "migrations"
+MIGRATIONS_FOLDER = Path(__file__).parent / "migrations"
 """Folder of the Alembic migrations."""
 OLDEST_REVISION = "0006_headset_check"
 """Database revision of AVR Gym 0.2.0, the first release."""
@@ -80,7 +80,7 @@ class Database:
             raise
 
     @contextmanager
-    def read(self) -> Generator[sa.Connection]:
+    def read_transaction(self) -> Generator[sa.Connection]:
         """Context manager: a read transaction on a consistent snapshot of the database."""
         with self._begin() as connection:
             if not self.is_sqlite:
@@ -88,7 +88,7 @@ class Database:
             yield connection
 
     @contextmanager
-    def write(self) -> Generator[sa.Connection]:
+    def write_transaction(self) -> Generator[sa.Connection]:
         """Context manager: a write transaction. It is committed at the end, or rolled back after an error.
 
         Rows must be written with the functions of ``hash_chain``. Raises ``StudyError`` if the folder is read-only.
@@ -102,14 +102,14 @@ class Database:
     def _write(self) -> Generator[sa.Connection]:
         with self._lock() as connection:
             self._invalidate_checksum(connection)
-            hash_chain.begin_transaction(connection)
+            hash_chain.begin_row_tracking(connection)
             yield connection
             written = hash_chain.written_rows(connection)
             head = hash_chain.append_entries(connection)
             if not self.read_only:
                 append_transaction(self.participation, connection, written)
         if head is not None and not self.read_only:
-            self._integrity.note(head)
+            self._integrity.append_head(head)
 
     @contextmanager
     def _lock(self, **options: float) -> Generator[sa.Connection]:
@@ -128,13 +128,13 @@ class Database:
         ):
             yield connection
 
-    def reconcile(self) -> None:
+    def reconcile_participation(self) -> None:
         """Make the participation list and the database consistent; see ``reconciliation``."""
         if self.read_only:
             return
         try:
-            with self.read() as connection:
-                differs = bool(compare(self.participation, connection))
+            with self.read_transaction() as connection:
+                differs = bool(compare_with_list(self.participation, connection))
         except StudyError:  # a check reports unreadable rows
             return
         if differs:
@@ -142,7 +142,7 @@ class Database:
                 reconcile(self.participation, connection)
         self.participation.store_last_entry()
 
-    def erase_traces(self) -> None:
+    def erase_deleted_data(self) -> None:
         """Overwrite the contents of deleted rows in the database's files.
 
         Raises:
@@ -153,22 +153,22 @@ class Database:
         self._engine.dispose()
         with _database_errors():
             if self.is_sqlite:
-                sqlite.erase_traces(self._path)
+                sqlite.erase_deleted_data(self._path)
             else:
                 with self._engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
                     connection.execute(sa.text("VACUUM FULL"))
 
-    def faults(self) -> list[tuple[str, str]]:
+    def find_faults(self) -> list[tuple[str, str]]:
         """Returns the errors of the database, its rows and its integrity files, as pairs: place, message."""
         faults = [*self._integrity_faults(), *self._file_faults()]
-        with self.read() as connection:
-            faults += hash_chain.faults(connection)
+        with self.read_transaction() as connection:
+            faults += hash_chain.find_faults(connection)
         return faults
 
-    def head(self) -> hash_chain.Head:
+    def chain_head(self) -> hash_chain.ChainHead:
         """Returns the head of the hash chain: number and digest of its last entry."""
-        with self.read() as connection:
-            return hash_chain.head(connection)
+        with self.read_transaction() as connection:
+            return hash_chain.chain_head(connection)
 
     def close(self) -> None:
         """Store the checksum of the database, and close all connections."""
@@ -180,11 +180,11 @@ class Database:
 
     def _readable_copy(self) -> Path:
         folder = Path(self._held.enter_context(TemporaryDirectory(prefix="avrgym-study-")))
-        sqlite.copy_at_rest(self._folder / FILE, folder)
+        sqlite.copy_closed_database(self._folder / FILE, folder)
         self._checksum_at_rest = None
         if (folder / FILE).exists():
             with _database_errors():
-                self._checksum_at_rest = sqlite.checksum_at_rest(folder / FILE)
+                self._checksum_at_rest = sqlite.closed_database_checksum(folder / FILE)
         return folder / FILE
 
     # Integrity files
@@ -192,15 +192,17 @@ class Database:
     def _invalidate_checksum(self, connection: sa.Connection) -> None:
         """Remove the stored checksum before a write."""
         if self.is_sqlite and not self.read_only:
-            self._integrity.remove_checksum(lambda: sqlite.database_checksum(connection))
+            self._integrity.invalidate_checksum(lambda: sqlite.database_checksum(connection))
         self._wrote = not self.read_only
 
     def _store_integrity(self) -> None:
         """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks are kept."""
-        with self._lock(wait_s=CHECKSUM_WAIT_S) as connection:
+        with self._lock(wait_s=CHECKSUM_LOCK_TIMEOUT_S) as connection:
             with suppress(IntegrityFileError):
-                ends = hash_chain.missing_heads(connection, self._integrity.heads() or ())
-                self._integrity.set_heads([*ends, *({hash_chain.head(connection)} - {hash_chain.Head()})])
+                ends = hash_chain.missing_heads(connection, self._integrity.read_heads() or ())
+                self._integrity.set_heads(
+                    [*ends, *({hash_chain.chain_head(connection)} - {hash_chain.ChainHead()})]
+                )
             if self.is_sqlite:
                 self._integrity.set_checksum(sqlite.database_checksum(connection))
 
@@ -209,43 +211,46 @@ class Database:
 
     def _integrity_faults(self) -> Iterator[tuple[str, str]]:
         try:
-            heads = self._integrity.heads()
+            heads = self._integrity.read_heads()
             with self._lock() as connection:
-                if self.is_sqlite and self._integrity.checksum not in (None, self._checksum(connection)):
+                if self.is_sqlite and self._integrity.stored_checksum not in (
+                    None,
+                    self._checksum(connection),
+                ):
                     yield FILE, "was changed by another program: its checksum differs"
-                known = hash_chain.head(connection)
+                known = hash_chain.chain_head(connection)
                 lost = hash_chain.missing_heads(connection, heads or ())
         except (IntegrityFileError, StudyError) as error:
             yield "database", str(error)
             return
-        if self._integrity.mismatch:
+        if self._integrity.has_mismatch:
             yield (
                 FILE,
-                f"had been changed by another program; find the cause, then remove {MISMATCH}",
+                f"had been changed by another program; find the cause, then remove {MISMATCH_FILE}",
             )
         if lost:
             yield (
                 "ledger",
-                f"ends with entry {known.number} and lacks an entry in {HEAD}: an older copy replaced it",
+                f"ends with entry {known.number} and lacks an entry in {HEAD_FILE}: an older copy replaced it",
             )
         if heads is None and self.is_sqlite and known.number:
-            yield HEAD, "is missing: whether the last rows were lost is unknown"
+            yield HEAD_FILE, "is missing: whether the last rows were lost is unknown"
 
     def _file_faults(self) -> Iterator[tuple[str, str]]:
         if not self.is_sqlite:
             return
         try:
-            with self.read() as connection:
-                yield from (("database", fault) for fault in sqlite.faults(connection))
+            with self.read_transaction() as connection:
+                yield from (("database", fault) for fault in sqlite.find_faults(connection))
         except StudyError as error:
             yield "database", str(error)
 
     # Migrations
 
     def _upgrade(self) -> None:
-        with self.read() as connection:
+        with self.read_transaction() as connection:
             current = MigrationContext.configure(connection).get_current_revision()
-        if current == _scripts(MIGRATIONS).get_current_head():
+        if current == _scripts(MIGRATIONS_FOLDER).get_current_head():
             return
         if self.read_only and not self.is_sqlite:
             raise StudyError(
@@ -259,7 +264,7 @@ class Database:
         if self._rebuild:
             return
         try:
-            with self.read() as connection:
+            with self.read_transaction() as connection:
                 is_filled = bool(connection.execute(_SOMEBODY).scalar())
                 begun_with = None if is_filled else chain_id(connection)
         except StudyError:  # a check reports unreadable tables
@@ -268,14 +273,16 @@ class Database:
             return
         listed = self.participation.read()
         is_own = listed is None or not listed.entries or begun_with in listed.chain_ids
-        _refuse_if_lost(self._folder, self._called, ignored=(HEAD, PARTICIPATION) if is_own else (HEAD,))
+        _refuse_if_lost(
+            self._folder, self._called, ignored=(HEAD_FILE, PARTICIPATION) if is_own else (HEAD_FILE,)
+        )
 
     @property
     def _called(self) -> str:
         return FILE if self.is_sqlite else "the database of PostgreSQL"
 
     def _migrate(self, connection: sa.Connection) -> None:
-        scripts, context = _scripts(MIGRATIONS), MigrationContext.configure(connection)
+        scripts, context = _scripts(MIGRATIONS_FOLDER), MigrationContext.configure(connection)
         known = sorted({*UNRELEASED_REVISIONS, *(script.revision for script in scripts.walk_revisions())})
         current = context.get_current_revision()
         if current == scripts.get_current_head():
@@ -294,7 +301,7 @@ class Database:
         if not self.read_only:
             self._back_up(connection, current)
         configuration = Config()
-        configuration.set_main_option("script_location", str(MIGRATIONS))
+        configuration.set_main_option("script_location", str(MIGRATIONS_FOLDER))
         configuration.attributes["connection"] = connection
         if current in UNRELEASED_REVISIONS:
             stamp(configuration, OLDEST_REVISION, purge=True)
@@ -302,14 +309,14 @@ class Database:
 
     def _back_up(self, connection: sa.Connection, revision: str) -> None:
         """Back up the database: the SQLite file, or the rows of all tables as JSON."""
-        folder = self._folder / BACKUPS
+        folder = self._folder / BACKUP_FOLDER
         make_private_folder(folder)
         moment = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
         path = folder / f"{revision}-{moment}.{'db' if self.is_sqlite else 'json'}"
         if self.is_sqlite:
-            sqlite.back_up(self._path, path)
+            sqlite.back_up_database(self._path, path)
         else:
-            write_new(path, json.dumps(_all_rows(connection)))
+            write_private_file(path, json.dumps(_all_rows(connection)))
 
 
 @cache
@@ -319,18 +326,20 @@ def _scripts(folder: Path) -> ScriptDirectory:
 
 def database_url(configured: str) -> str:
     """Returns the URL of the study's database: the environment variable, or the design's URL if it is not set."""
-    url = os.environ.get(URL_VARIABLE, configured)
+    url = os.environ.get(DATABASE_URL_VARIABLE, configured)
     if url and not url.startswith("postgresql://"):
-        raise StudyError(f"{URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name")
+        raise StudyError(
+            f"{DATABASE_URL_VARIABLE} is not a database URL; allowed: postgresql://user@host/name"
+        )
     return url
 
 
 _SOMEBODY = sa.select(
     sa.or_(
-        sa.exists(sa.select(PARTICIPANT.c.number)),
-        sa.exists(sa.select(TOMBSTONE.c.number)),
-        sa.exists(sa.select(SITE.c.number)),
-        sa.exists(sa.select(EVENT.c.id).where(EVENT.c.name == REBUILT)),
+        sa.exists(sa.select(PARTICIPANT_TABLE.c.number)),
+        sa.exists(sa.select(TOMBSTONE_TABLE.c.number)),
+        sa.exists(sa.select(SITE_TABLE.c.number)),
+        sa.exists(sa.select(EVENT_TABLE.c.id).where(EVENT_TABLE.c.name == DATABASE_REBUILT_EVENT)),
     )
 )
 """Query: whether the database contains participants, deleted participants or sites, or was rebuilt."""

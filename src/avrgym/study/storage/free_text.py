@@ -6,7 +6,7 @@ MAX_LINE_LENGTH, MAX_NOTE_LENGTH = 200, 10_000
 """Maximum number of characters of a line (name, contact or reason), and of a note."""
 
 
-def check_line(what: str, text: str) -> None:
+def check_single_line(what: str, text: str) -> None:
     """Raises ``StudyError`` if a name, contact or reason is too long or contains control characters.
 
     ``what``: name of the field for the message, which does not contain the text.

@@ -22,28 +22,28 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
-from avrgym.study.storage.schema import LEDGER, LOG, METADATA
+from avrgym.study.storage.schema import LEDGER_TABLE, LOG_TABLE, METADATA
 
-TABLES: Mapping[str, sa.Table] = {
-    table.name: table for table in METADATA.sorted_tables if table is not LEDGER
+CHAINED_TABLES: Mapping[str, sa.Table] = {
+    table.name: table for table in METADATA.sorted_tables if table is not LEDGER_TABLE
 }
 """Tables whose rows the hash chain covers, by name."""
 _WRITTEN = "rows that the transaction wrote"
 
 
 @dataclass(frozen=True)
-class Head:
+class ChainHead:
     """Number and digest of the last entry in a hash chain."""
 
     number: int = 0
     digest: str = ""
 
-    def after(self, table: str, key: int, content: str | None) -> "Head":
+    def next_head(self, table: str, key: int, content: str | None) -> "ChainHead":
         """Returns the head after one more entry.
 
         ``key``: primary key of the row. ``content``: checksum of the row; ``None`` for a deleted row.
         """
-        return Head(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
+        return ChainHead(self.number + 1, json_sha256([self.digest, self.number + 1, table, key, content]))
 
 
 # Writing ------------------------------------------------------------------------------------------------------------
@@ -70,7 +70,7 @@ def delete(connection: sa.Connection, table: sa.Table, *conditions: sa.ColumnEle
     connection.execute(sa.delete(table).where(*conditions))
 
 
-def begin_transaction(connection: sa.Connection) -> None:
+def begin_row_tracking(connection: sa.Connection) -> None:
     """Start to collect the keys of the rows that a transaction writes."""
     connection.info[_WRITTEN] = set()
 
@@ -80,35 +80,39 @@ def written_rows(connection: sa.Connection) -> frozenset[tuple[str, int]]:
     return frozenset(connection.info[_WRITTEN])
 
 
-def append_entries(connection: sa.Connection) -> Head | None:
+def append_entries(connection: sa.Connection) -> ChainHead | None:
     """Append an entry for each row that a transaction wrote. Returns the new head; ``None`` if nothing was written."""
     rows = sorted(connection.info.pop(_WRITTEN))
     if not rows:
         return None
     entries: list[dict[str, Any]] = []
-    after = head(connection)
+    after = chain_head(connection)
     for name, group in groupby(rows, key=lambda row: row[0]):
         keys = [key for _, key in group]
-        contents = _contents(connection, TABLES[name], keys)
+        contents = _contents(connection, CHAINED_TABLES[name], keys)
         for key in keys:
             content = contents.get(key)
-            after = after.after(name, key, content)
+            after = after.next_head(name, key, content)
             entries.append({"table": name, "key": key, "content": content, **asdict(after)})
-    connection.execute(sa.insert(LEDGER), entries)
+    connection.execute(sa.insert(LEDGER_TABLE), entries)
     return after
 
 
-def head(connection: sa.Connection) -> Head:
+def chain_head(connection: sa.Connection) -> ChainHead:
     """Returns the number and digest of the last entry in the hash chain."""
-    last = sa.select(LEDGER.c.number, LEDGER.c.digest).order_by(LEDGER.c.number.desc()).limit(1)
+    last = (
+        sa.select(LEDGER_TABLE.c.number, LEDGER_TABLE.c.digest)
+        .order_by(LEDGER_TABLE.c.number.desc())
+        .limit(1)
+    )
     row = connection.execute(last).first()
-    return Head(*row) if row else Head()
+    return ChainHead(*row) if row else ChainHead()
 
 
-def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[Head]:
+def missing_heads(connection: sa.Connection, known: Collection[ChainHead]) -> list[ChainHead]:
     """Returns the heads in ``known`` that the hash chain does not contain."""
     first = min((each.number for each in known), default=0)
-    later = sa.select(LEDGER.c.number, LEDGER.c.digest).where(LEDGER.c.number >= first)
+    later = sa.select(LEDGER_TABLE.c.number, LEDGER_TABLE.c.digest).where(LEDGER_TABLE.c.number >= first)
     held = {number: digest for number, digest in connection.execute(later)} if known else {}
     return [each for each in known if held.get(each.number) != each.digest]
 
@@ -116,23 +120,23 @@ def missing_heads(connection: sa.Connection, known: Collection[Head]) -> list[He
 # Checking -----------------------------------------------------------------------------------------------------------
 
 
-def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
+def find_faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
     """Yields the errors of the hash chain and of rows, as pairs: name of table and row, and message."""
     try:
-        entries = _rows(connection, LEDGER)
+        entries = _rows(connection, LEDGER_TABLE)
     except (SQLAlchemyError, ValueError, TypeError) as error:
-        yield LEDGER.name, f"cannot be read: {_reason(error)}"
+        yield LEDGER_TABLE.name, f"cannot be read: {_reason(error)}"
         return
     if (broken := _first_break(entries)) is not None:
         yield (
-            LEDGER.name,
+            LEDGER_TABLE.name,
             f"entry {broken} does not follow the previous entry: an entry was changed or is missing",
         )
-    for key, times in Counter(entry["key"] for entry in entries if entry["table"] == LOG.name).items():
+    for key, times in Counter(entry["key"] for entry in entries if entry["table"] == LOG_TABLE.name).items():
         if times > 1:
-            yield f"{LOG.name} {key}", "was changed or deleted; entries of the log must not change"
+            yield f"{LOG_TABLE.name} {key}", "was changed or deleted; entries of the log must not change"
     latest = {(entry["table"], entry["key"]): entry["content"] for entry in entries}
-    for name, table in TABLES.items():
+    for name, table in CHAINED_TABLES.items():
         expected = {
             key: content for (of, key), content in latest.items() if of == name and content is not None
         }
@@ -142,7 +146,7 @@ def faults(connection: sa.Connection) -> Iterator[tuple[str, str]]:
 def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
     """Returns the primary keys of the rows that no other program changed; empty if the hash chain is unreadable."""
     try:
-        entries = _rows(connection, LEDGER)
+        entries = _rows(connection, LEDGER_TABLE)
         found = _contents(connection, table)
     except (SQLAlchemyError, ValueError, TypeError):
         return set()
@@ -152,9 +156,9 @@ def unchanged_keys(connection: sa.Connection, table: sa.Table) -> set[int]:
 
 def _first_break(entries: list[sa.RowMapping]) -> int | None:
     """Returns the number of the first entry that does not match the entries before it; ``None`` if all match."""
-    before = Head()
+    before = ChainHead()
     for entry in entries:
-        after = before.after(entry["table"], entry["key"], entry["content"])
+        after = before.next_head(entry["table"], entry["key"], entry["content"])
         if (entry["number"], entry["digest"]) != (after.number, after.digest):
             return before.number + 1
         before = after

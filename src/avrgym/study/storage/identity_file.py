@@ -14,18 +14,18 @@ from cryptography.exceptions import InvalidTag
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
 
 from avrgym.study.storage.identity_keys import (
-    KEY_FILE,
+    KEY_FILE_VARIABLE,
     KeySource,
-    KeyUnavailable,
+    KeyUnavailableError,
+    find_passphrase,
     key_file_path,
-    known_passphrase,
     load_key,
     new_key_source,
 )
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import PRIVATE_FILE, PRIVATE_FOLDER, make_private_folder, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, PRIVATE_FOLDER_MODE, make_private_folder, write_atomically
 
-FORMAT = "avrgym identities 1"
+IDENTITY_FORMAT = "avrgym identities 1"
 """Name and version of the file format."""
 _NONCE_BYTES = 12
 
@@ -50,32 +50,36 @@ class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     entries: dict[str, str]
 
 
-def read_encrypted(path: Path) -> IdentityFile:
+def read_identity_file(path: Path) -> IdentityFile:
     """Returns the contents of an identity file without decryption. Raises ``StudyError`` if the file is damaged."""
     try:
         file = msgspec.json.decode(path.read_bytes(), type=IdentityFile)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise StudyError(f"{path} is not an identity file: {error}; restore a backup") from None
-    if file.format != FORMAT:
-        raise StudyError(f"{path} has format {file.format!r}; allowed: {FORMAT!r}")
+    if file.format != IDENTITY_FORMAT:
+        raise StudyError(f"{path} has format {file.format!r}; allowed: {IDENTITY_FORMAT!r}")
     return file
 
 
-def to_bytes(file: IdentityFile) -> bytes:
+def encode_identity_file(file: IdentityFile) -> bytes:
     """Returns the contents of an identity file as JSON."""
     return msgspec.json.format(msgspec.json.encode(file))
 
 
-def encrypt(folder: Path, key_source: KeySource, identities: Mapping[str, Identity]) -> IdentityFile:
+def encrypt_identities(
+    folder: Path, key_source: KeySource, identities: Mapping[str, Identity]
+) -> IdentityFile:
     """Returns the contents of a new identity file with encrypted identities. A missing key file is created."""
     key = load_key(folder, key_source, create=True)
     entries = {pseudonym: _encrypt(key, pseudonym, each) for pseudonym, each in identities.items()}
-    file = IdentityFile(FORMAT, key_source, _encrypt_bytes(key, FORMAT, FORMAT.encode()), entries)
+    file = IdentityFile(
+        IDENTITY_FORMAT, key_source, _encrypt_bytes(key, IDENTITY_FORMAT, IDENTITY_FORMAT.encode()), entries
+    )
     _checked(folder, file)
     return file
 
 
-def decrypt(folder: Path, file: IdentityFile) -> dict[str, Identity]:
+def decrypt_identities(folder: Path, file: IdentityFile) -> dict[str, Identity]:
     """Returns the decrypted identities, by pseudonym.
 
     Raises:
@@ -101,17 +105,17 @@ def without_entry(file: IdentityFile, pseudonym: str) -> IdentityFile:
 
 
 def _checked(folder: Path, file: IdentityFile) -> bytes:
-    """Returns the key. Raises ``KeyUnavailable`` if it is missing or wrong."""
+    """Returns the key. Raises ``KeyUnavailableError`` if it is missing or wrong."""
     key = load_key(folder, file.key_source)
     try:
-        _decrypt_bytes(key, FORMAT, file.check)
+        _decrypt_bytes(key, IDENTITY_FORMAT, file.check)
     except InvalidTag:
         which = (
             "the passphrase of the identity file"
             if file.key_source.kind == "passphrase"
             else f"the key file of the identity file, {key_file_path(file.key_source)},"
         )
-        raise KeyUnavailable(f"{which} is wrong. Nothing was changed") from None
+        raise KeyUnavailableError(f"{which} is wrong. Nothing was changed") from None
     return key
 
 
@@ -139,36 +143,36 @@ def _decrypt_bytes(key: bytes, bound_to: str, data: str) -> bytes:
         raise InvalidTag from None
 
 
-FOLDER = "private"
-PLAIN, FILE = "key.json", "identities.json"
+IDENTITY_FOLDER = "private"
+UNENCRYPTED_FILE, ENCRYPTED_FILE = "key.json", "identities.json"
 """File names of the unencrypted and of the encrypted identity file."""
-_NEW = f"{FILE}.new"
+_NEW = f"{ENCRYPTED_FILE}.new"
 
 
 def identity_path(folder: Path) -> Path:
     """Returns the path of the encrypted identity file, or of the unencrypted file if only this file exists."""
-    plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
+    plain, path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE, folder / IDENTITY_FOLDER / ENCRYPTED_FILE
     return plain if plain.exists() and not path.exists() else path
 
 
-def plain_path(folder: Path) -> Path | None:
+def unencrypted_path(folder: Path) -> Path | None:
     """Returns the path of the unencrypted identity file; ``None`` if it does not exist."""
-    path = folder / FOLDER / PLAIN
+    path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE
     return path if path.exists() else None
 
 
 def key_source(folder: Path) -> KeySource | None:
     """Returns the key source of the encrypted identity file; ``None`` if the file does not exist."""
-    path = folder / FOLDER / FILE
-    return read_encrypted(path).key_source if path.exists() else None
+    path = folder / IDENTITY_FOLDER / ENCRYPTED_FILE
+    return read_identity_file(path).key_source if path.exists() else None
 
 
-def named_pseudonyms(folder: Path) -> set[str]:
+def pseudonyms_with_identity(folder: Path) -> set[str]:
     """Returns the pseudonyms in the identity file. No key is needed. Raises ``StudyError`` if the file is damaged."""
     path = identity_path(folder)
     if not path.exists():
         return set()
-    return set(_read_plain(path) if path.name == PLAIN else read_encrypted(path).entries)
+    return set(_read_plain(path) if path.name == UNENCRYPTED_FILE else read_identity_file(path).entries)
 
 
 def read_identities(folder: Path) -> dict[str, Identity]:
@@ -181,23 +185,31 @@ def read_identities(folder: Path) -> dict[str, Identity]:
     path = identity_path(folder)
     if not path.exists():
         return {}
-    return _read_plain(path) if path.name == PLAIN else decrypt(folder, read_encrypted(path))
+    return (
+        _read_plain(path)
+        if path.name == UNENCRYPTED_FILE
+        else decrypt_identities(folder, read_identity_file(path))
+    )
 
 
-def write_entry(folder: Path, pseudonym: str, identity: Identity) -> None:
+def write_identity(folder: Path, pseudonym: str, identity: Identity) -> None:
     """Add or replace a participant's entry. An unencrypted file stays unencrypted.
 
     Raises the errors of ``read_identities``.
     """
-    create_if_missing(folder)
+    create_identity_file(folder)
     path = identity_path(folder)
-    if path.name == PLAIN:
-        _write(folder, PLAIN, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
+    if path.name == UNENCRYPTED_FILE:
+        _write(folder, UNENCRYPTED_FILE, _encoded_plain(_read_plain(path) | {pseudonym: identity}))
     else:
-        _write(folder, FILE, to_bytes(with_entry(folder, read_encrypted(path), pseudonym, identity)))
+        _write(
+            folder,
+            ENCRYPTED_FILE,
+            encode_identity_file(with_entry(folder, read_identity_file(path), pseudonym, identity)),
+        )
 
 
-def create_if_missing(folder: Path) -> None:
+def create_identity_file(folder: Path) -> None:
     """Create an empty identity file if none exists. Its key source is the known passphrase, or a new key file.
 
     Raises:
@@ -205,23 +217,23 @@ def create_if_missing(folder: Path) -> None:
     """
     if not identity_path(folder).exists():
         key_source = new_key_source(
-            passphrase=known_passphrase(folder) is not None and KEY_FILE not in os.environ
+            passphrase=find_passphrase(folder) is not None and KEY_FILE_VARIABLE not in os.environ
         )
-        _write(folder, FILE, to_bytes(encrypt(folder, key_source, {})))
+        _write(folder, ENCRYPTED_FILE, encode_identity_file(encrypt_identities(folder, key_source, {})))
 
 
-def remove_entry(folder: Path, pseudonym: str) -> None:
+def remove_identity(folder: Path, pseudonym: str) -> None:
     """Remove a participant's entry, and all temporary files that may contain it. No key is needed."""
-    remove_unfinished(folder)
-    plain, path = folder / FOLDER / PLAIN, folder / FOLDER / FILE
+    remove_leftover_files(folder)
+    plain, path = folder / IDENTITY_FOLDER / UNENCRYPTED_FILE, folder / IDENTITY_FOLDER / ENCRYPTED_FILE
     if plain.exists() and pseudonym in (entries := _read_plain(plain)):
         del entries[pseudonym]
-        _write(folder, PLAIN, _encoded_plain(entries))
-    if path.exists() and pseudonym in (file := read_encrypted(path)).entries:
-        _write(folder, FILE, to_bytes(without_entry(file, pseudonym)))
+        _write(folder, UNENCRYPTED_FILE, _encoded_plain(entries))
+    if path.exists() and pseudonym in (file := read_identity_file(path)).entries:
+        _write(folder, ENCRYPTED_FILE, encode_identity_file(without_entry(file, pseudonym)))
 
 
-def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
+def encrypt_identity_file(folder: Path, key_source: KeySource, present: Mapping[str, Identity]) -> None:
     """Encrypt the identity file with a new key. An unencrypted file is removed after verification.
 
     Args:
@@ -232,20 +244,21 @@ def encrypt_names(folder: Path, key_source: KeySource, present: Mapping[str, Ide
     Raises:
         StudyError: if only the unencrypted file contains an entry, or if verification fails.
     """
-    plain = plain_path(folder)
+    plain = unencrypted_path(folder)
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, and {FILE} does not: find the cause and correct it. Nothing was "
+            f"{plain} contains {', '.join(lacking)}, and {ENCRYPTED_FILE} does not: find the cause and correct "
+            f"it. Nothing was "
             "changed"
         )
-    _write(folder, _NEW, to_bytes(encrypt(folder, key_source, present)))
-    new = folder / FOLDER / _NEW
-    if decrypt(folder, read_encrypted(new)) != present:
+    _write(folder, _NEW, encode_identity_file(encrypt_identities(folder, key_source, present)))
+    new = folder / IDENTITY_FOLDER / _NEW
+    if decrypt_identities(folder, read_identity_file(new)) != present:
         raise StudyError(f"{new} could not be verified. Nothing was changed; run the command again")
-    os.replace(new, folder / FOLDER / FILE)
+    os.replace(new, folder / IDENTITY_FOLDER / ENCRYPTED_FILE)
     if plain:
-        remove_unfinished(folder)
+        remove_leftover_files(folder)
         plain.unlink()
 
 
@@ -261,21 +274,21 @@ def _encoded_plain(entries: Mapping[str, Identity]) -> bytes:
 
 
 def _write(folder: Path, name: str, data: bytes) -> None:
-    private = folder / FOLDER
+    private = folder / IDENTITY_FOLDER
     make_private_folder(private)
-    private.chmod(PRIVATE_FOLDER)
-    remove_unfinished(folder)
-    write_atomically(private / name, data, mode=PRIVATE_FILE)
+    private.chmod(PRIVATE_FOLDER_MODE)
+    remove_leftover_files(folder)
+    write_atomically(private / name, data, mode=PRIVATE_FILE_MODE)
 
 
-def unfinished_files(folder: Path) -> list[Path]:
+def leftover_identity_files(folder: Path) -> list[Path]:
     """Returns the temporary identity files of killed processes. The caller must hold the database lock."""
-    names = (PLAIN, FILE, _NEW)
-    parts = (path for name in names for path in (folder / FOLDER).glob(f".{name}.*.part"))
-    return sorted([*parts, *(folder / FOLDER).glob(_NEW)])
+    names = (UNENCRYPTED_FILE, ENCRYPTED_FILE, _NEW)
+    parts = (path for name in names for path in (folder / IDENTITY_FOLDER).glob(f".{name}.*.part"))
+    return sorted([*parts, *(folder / IDENTITY_FOLDER).glob(_NEW)])
 
 
-def remove_unfinished(folder: Path) -> None:
+def remove_leftover_files(folder: Path) -> None:
     """Remove temporary identity files of killed processes."""
-    for path in unfinished_files(folder):
+    for path in leftover_identity_files(folder):
         path.unlink(missing_ok=True)

@@ -14,9 +14,9 @@ import msgspec
 from cryptography.hazmat.primitives.kdf.scrypt import Scrypt
 
 from avrgym.study.storage.states import StudyError
-from avrgym.system.files import make_private_folder, user_data_folder, write_new
+from avrgym.system.files import make_private_folder, user_data_folder, write_private_file
 
-PASSPHRASE, KEY_FILE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
+PASSPHRASE_VARIABLE, KEY_FILE_VARIABLE = "AVRGYM_STUDY_PASSPHRASE", "AVRGYM_STUDY_KEY_FILE"
 """Environment variables with the passphrase, and with the path of the key file."""
 MIN_PASSPHRASE_LENGTH = 8
 """Minimum number of characters of a passphrase."""
@@ -27,7 +27,7 @@ _KEY_BYTES = 32
 _given: dict[Path, str] = {}
 
 
-class KeyUnavailable(StudyError):
+class KeyUnavailableError(StudyError):
     """Raised if the key of the identity file is missing or wrong. Nothing was changed."""
 
 
@@ -54,9 +54,9 @@ def set_passphrase(folder: Path, passphrase: str) -> None:
     _given[folder.resolve()] = passphrase
 
 
-def known_passphrase(folder: Path) -> str | None:
+def find_passphrase(folder: Path) -> str | None:
     """Returns the passphrase of the study in a folder; ``None`` if neither this process nor the environment has it."""
-    return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE) or None
+    return _given.get(folder.resolve()) or os.environ.get(PASSPHRASE_VARIABLE) or None
 
 
 def check_passphrase(passphrase: str) -> None:
@@ -73,10 +73,11 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
     """
     if source.kind == "file":
         return _from_file(folder, key_file_path(source), create=create)
-    passphrase = known_passphrase(folder)
+    passphrase = find_passphrase(folder)
     if passphrase is None:
-        raise KeyUnavailable(
-            f"the names are encrypted with a passphrase: set {PASSPHRASE}, or run `avrgym study` in a terminal and "
+        raise KeyUnavailableError(
+            f"the names are encrypted with a passphrase: set {PASSPHRASE_VARIABLE}, or run `avrgym study` in a "
+            f"terminal and "
             "enter it. Nothing was changed"
         )
     if create:
@@ -95,7 +96,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
 
 def key_file_path(source: KeySource) -> Path:
     """Returns the path of the key file: the environment variable, or a file in the user's data folder."""
-    named = os.environ.get(KEY_FILE)
+    named = os.environ.get(KEY_FILE_VARIABLE)
     return Path(named) if named else user_data_folder() / "keys" / f"{source.salt}.key"
 
 
@@ -106,18 +107,20 @@ def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:
         )
     if create and not path.exists():
         make_private_folder(path.parent)
-        write_new(path, os.urandom(_KEY_BYTES).hex() + "\n")
+        write_private_file(path, os.urandom(_KEY_BYTES).hex() + "\n")
     try:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
-        raise KeyUnavailable(
+        raise KeyUnavailableError(
             f"the key file of the identity file, {path}, cannot be read ({error.strerror}): restore a backup, or set "
-            f"{KEY_FILE} to its path. Nothing was changed. Without it the names are lost, but no other data"
+            f"{KEY_FILE_VARIABLE} to its path. Nothing was changed. Without it the names are lost, but no other data"
         ) from None
     except ValueError:
         key = b""
     if len(key) != _KEY_BYTES:
-        raise KeyUnavailable(f"{path} is not a key file; allowed: {_KEY_BYTES} bytes in hexadecimal digits")
+        raise KeyUnavailableError(
+            f"{path} is not a key file; allowed: {_KEY_BYTES} bytes in hexadecimal digits"
+        )
     return key
 
 

@@ -15,12 +15,12 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
-from avrgym.study.storage.hash_chain import Head
-from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
+from avrgym.study.storage.hash_chain import ChainHead
+from avrgym.system.files import PRIVATE_FILE_MODE, private_opener, write_atomically
 
-HEAD = "study.head"
-CHECKSUM = "study.db.sha256"
-MISMATCH = f"{CHECKSUM}.mismatch"
+HEAD_FILE = "study.head"
+CHECKSUM_FILE = "study.db.sha256"
+MISMATCH_FILE = f"{CHECKSUM_FILE}.mismatch"
 """File names of the heads, of the checksum, and of a checksum that differed from the database."""
 _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
@@ -40,90 +40,93 @@ class IntegrityFiles:
         self._noted = False
 
     @property
-    def checksum(self) -> str | None:
+    def stored_checksum(self) -> str | None:
         """The stored checksum of the database; ``None`` if the file is missing.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
-        path = self._folder / CHECKSUM
+        path = self._folder / CHECKSUM_FILE
         if not path.exists():
             return None
         match = re.fullmatch(rf"([0-9a-f]{{64}})  {re.escape(self._database)}\n", _text(path))
         if match is None:
-            raise IntegrityFileError(f"{CHECKSUM} is damaged; restore a backup of the study")
+            raise IntegrityFileError(f"{CHECKSUM_FILE} is damaged; restore a backup of the study")
         return match[1]
 
     def set_checksum(self, checksum: str) -> None:
         """Write the checksum file. ``checksum``: SHA-256 of the database (hexadecimal)."""
         data = f"{checksum}  {self._database}\n".encode()
-        write_atomically(self._folder / CHECKSUM, data, mode=PRIVATE_FILE)
+        write_atomically(self._folder / CHECKSUM_FILE, data, mode=PRIVATE_FILE_MODE)
 
-    def remove_checksum(self, actual: Callable[[], str]) -> None:
+    def invalidate_checksum(self, actual: Callable[[], str]) -> None:
         """Remove the checksum file before a write. If the database has another checksum, rename the file instead.
 
         ``actual``: function that returns the checksum of the database.
         """
-        path = self._folder / CHECKSUM
+        path = self._folder / CHECKSUM_FILE
         if not path.exists():
             return
         if self._fits(actual()):
             path.unlink()
         else:
-            os.replace(path, self._folder / MISMATCH)
+            os.replace(path, self._folder / MISMATCH_FILE)
         _sync(self._folder)
 
     def _fits(self, actual: str) -> bool:
         try:
-            return self.checksum == actual
+            return self.stored_checksum == actual
         except IntegrityFileError:
             return False
 
     @property
-    def mismatch(self) -> bool:
+    def has_mismatch(self) -> bool:
         """Whether a writer found a database that another program had changed."""
-        return (self._folder / MISMATCH).exists()
+        return (self._folder / MISMATCH_FILE).exists()
 
-    def note(self, head: Head) -> None:
+    def append_head(self, head: ChainHead) -> None:
         """Append a chain head after a transaction. Errors are ignored, because the transaction is complete."""
         with suppress(OSError, IntegrityFileError):
             if not self._noted:
                 self._cut_unfinished_line()
             self._noted = True
-        with suppress(OSError), open(self._folder / HEAD, "ab", buffering=0, opener=private_opener) as file:
+        with (
+            suppress(OSError),
+            open(self._folder / HEAD_FILE, "ab", buffering=0, opener=private_opener) as file,
+        ):
             file.write(_line(head))
 
     def _cut_unfinished_line(self) -> None:
         """Remove an unfinished last line after a crash."""
-        path = self._folder / HEAD
+        path = self._folder / HEAD_FILE
         if path.exists() and not path.read_bytes().endswith(b"\n"):
-            self.set_heads(self.heads() or ())
+            self.set_heads(self.read_heads() or ())
 
-    def heads(self) -> list[Head] | None:
+    def read_heads(self) -> list[ChainHead] | None:
         """Returns the stored heads of the hash chain; ``None`` without a file. A truncated last line is ignored.
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
-        path = self._folder / HEAD
+        path = self._folder / HEAD_FILE
         if not path.exists():
             return None
         *lines, last = _text(path).split("\n")
         found = [_HEAD_LINE.fullmatch(line) for line in lines]
-        if not all(found) or len(last) > len(_line(Head(10**18))):
-            raise IntegrityFileError(f"{HEAD} is damaged; restore a backup of the study")
-        return [Head(int(match[1]), match[2]) for match in found if match]
+        if not all(found) or len(last) > len(_line(ChainHead(10**18))):
+            raise IntegrityFileError(f"{HEAD_FILE} is damaged; restore a backup of the study")
+        return [ChainHead(int(match[1]), match[2]) for match in found if match]
 
-    def set_heads(self, heads: Iterable[Head]) -> None:
+    def set_heads(self, heads: Iterable[ChainHead]) -> None:
         """Replace all heads in ``study.head``."""
         data = b"".join(map(_line, heads))
-        write_atomically(self._folder / HEAD, data, mode=PRIVATE_FILE)
+        write_atomically(self._folder / HEAD_FILE, data, mode=PRIVATE_FILE_MODE)
 
-    def remove(self) -> None:
+    def remove_all(self) -> None:
         """Delete all integrity files, for the rebuild of a lost database."""
-        for name in (HEAD, CHECKSUM, MISMATCH):
+        for name in (HEAD_FILE, CHECKSUM_FILE, MISMATCH_FILE):
             (self._folder / name).unlink(missing_ok=True)
 
 
-def _line(head: Head) -> bytes:
+def _line(head: ChainHead) -> bytes:
     return f"{head.number} {head.digest}\n".encode()
 
 

@@ -14,16 +14,16 @@ from typing import Any
 import msgspec
 
 from avrgym.commands.respondents import CAREGIVER
-from avrgym.questionnaires.questionnaire import MAX_POINTS, MOMENTS, Item, Questionnaire
+from avrgym.questionnaires.questionnaire import MAX_SCALE_POINTS, QUESTION_MOMENTS, Item, Questionnaire
 from avrgym.recording.reader import RecordingError, read_header
-from avrgym.study.design.comparison import Wordings
+from avrgym.study.design.comparison import DesignTexts
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant, StoredDesign, StudyAnswer, Trial, TrialAttempt
 from avrgym.study.storage.session_designs import (
-    design_as_recorded,
+    design_from_recording,
     design_from_row,
+    sentence_translator,
     translate_item,
-    translator,
 )
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -42,9 +42,9 @@ class ItemVersion:
 
     item: Item
     base_name: str
-    number: int
-    questionnaire: str
-    texts: dict[str, Item] = field(default_factory=dict[str, Item])
+    version_number: int
+    questionnaire_name: str
+    items_by_language: dict[str, Item] = field(default_factory=dict[str, Item])
     answer_counts: dict[str, int] = field(default_factory=dict[str, int])
 
 
@@ -76,7 +76,9 @@ class ItemCatalogue:
         """All versions of all items, ordered by item."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
-    def form(self, design: Design, language: str, translate: Callable[[str], str]) -> ParticipantItems:
+    def add_design_items(
+        self, design: Design, language: str, translate: Callable[[str], str]
+    ) -> ParticipantItems:
         """Adds the items of a design in a language. Returns the version of each item."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
@@ -85,12 +87,12 @@ class ItemCatalogue:
             name = version_name(questionnaire.name, number)
             own = number if questionnaire.use else 0
             for item, read in zip(questionnaire.items, words, strict=True):
-                found[item.id] = self.version(item, read, language, name, own)
+                found[item.id] = self.find_or_add_version(item, read, language, name, own)
             items = tuple(found[item.id].item for item in questionnaire.items)
-            self.add(msgspec.structs.replace(questionnaire, name=name, items=items))
+            self.add_questionnaire(msgspec.structs.replace(questionnaire, name=name, items=items))
         return ParticipantItems(found)
 
-    def version(
+    def find_or_add_version(
         self, item: Item, words: Item, language: str, questionnaire: str, questionnaire_number: int = 0
     ) -> ItemVersion:
         """Returns the version of an item. A new version is added if the item or its text in this language is new.
@@ -100,7 +102,7 @@ class ItemCatalogue:
         """
         versions = self._versions.setdefault(item.id, [])
         for known, known_number, version in versions:
-            if (known, known_number) == (item, questionnaire_number) and version.texts.setdefault(
+            if (known, known_number) == (item, questionnaire_number) and version.items_by_language.setdefault(
                 language, words
             ) == words:
                 return version
@@ -110,12 +112,12 @@ class ItemCatalogue:
         versions.append((item, questionnaire_number, version))
         return version
 
-    def add(self, questionnaire: Questionnaire) -> None:
+    def add_questionnaire(self, questionnaire: Questionnaire) -> None:
         """Add a questionnaire. If the catalogue contains its name, add only its new items and moments."""
         known = self.questionnaires.get(questionnaire.name, questionnaire)
         ids = {item.id for item in known.items}
         items = (*known.items, *(item for item in questionnaire.items if item.id not in ids))
-        moments = tuple(each for each in MOMENTS if each in {*known.moments, *questionnaire.moments})
+        moments = tuple(each for each in QUESTION_MOMENTS if each in {*known.moments, *questionnaire.moments})
         when = known.when if set(moments) == set(known.moments) else moments
         self.questionnaires[known.name] = msgspec.structs.replace(known, items=items, when=when)
 
@@ -144,24 +146,24 @@ def base_name(name: str) -> str:
     return name.partition(" (version ")[0]
 
 
-def design_with_versions(design: Design, catalogue: ItemCatalogue) -> Design:
+def design_with_item_versions(design: Design, catalogue: ItemCatalogue) -> Design:
     """Returns the design with all item versions of a catalogue, in the design's order."""
     versions = {version.item.id: version for version in catalogue.versions}
     answered = {version.base_name for version in versions.values()}
     combined = ItemCatalogue()
     for questionnaire in catalogue.questionnaires.values():
-        combined.add(questionnaire)
+        combined.add_questionnaire(questionnaire)
     for questionnaire in design.questionnaires:
         new = tuple(item for item in questionnaire.items if item.id not in answered)
         if new:
-            combined.add(msgspec.structs.replace(questionnaire, items=new))
+            combined.add_questionnaire(msgspec.structs.replace(questionnaire, items=new))
     places = _places(design)
 
     def rank(item: Item) -> tuple[int, int]:
         version = versions.get(item.id)
         return places.get(
             version.base_name if version else item.id, len(places)
-        ), version.number if version else 0
+        ), version.version_number if version else 0
 
     names = [each.name for each in design.questionnaires]
     ordered = sorted(
@@ -181,9 +183,9 @@ def _places(design: Design) -> dict[str, int]:
     return {name: place for place, name in enumerate(ids)}
 
 
-NOT_STORED = "unknown"
+UNKNOWN_QUESTIONNAIRE = "unknown"
 """Name of the questionnaire for items without a stored text."""
-UNKNOWN = "(neither the database nor a recording contains its text)"
+UNKNOWN_ITEM_TEXT = "(neither the database nor a recording contains its text)"
 """Text of items without a stored text."""
 
 
@@ -196,7 +198,7 @@ class AnsweredItems:
         self._forms: dict[bytes, ParticipantItems] = {}
         self._of_answers: dict[int, ItemVersion] = {}
         stored: dict[int, list[StoredDesign]] = {}
-        for row in store.designs():
+        for row in store.stored_designs():
             if row.session is not None:
                 stored.setdefault(row.participant, []).append(row)
         everyone = store.participants() if participants is None else participants
@@ -208,7 +210,7 @@ class AnsweredItems:
     @property
     def design(self) -> Design:
         """The study's current design with all answered item versions."""
-        return design_with_versions(self._store.design, self._catalogue)
+        return design_with_item_versions(self._store.design, self._catalogue)
 
     @property
     def versions(self) -> list[ItemVersion]:
@@ -219,26 +221,28 @@ class AnsweredItems:
         """Returns whether the answer existed when this object was created."""
         return answer.id in self._of_answers
 
-    def item(self, answer: StudyAnswer) -> Item:
+    def item_of(self, answer: StudyAnswer) -> Item:
         """Returns the item of an answer, with the name of its version."""
         return self._of_answers[answer.id].item
 
-    def questionnaire(self, answer: StudyAnswer) -> Questionnaire:
+    def questionnaire_of(self, answer: StudyAnswer) -> Questionnaire:
         """Returns the questionnaire that contains the answer's item."""
-        return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire]
+        return self._catalogue.questionnaires[self._of_answers[answer.id].questionnaire_name]
 
-    def value(self, answer: StudyAnswer) -> int:
+    def scale_value_of(self, answer: StudyAnswer) -> int:
         """Returns the value of an answer on its item's response scale."""
-        return self.questionnaire(answer).scale_of(self.item(answer)).scale_value(answer.value)
+        return self.questionnaire_of(answer).scale_of(self.item_of(answer)).scale_value(answer.value)
 
-    def form(self, participant: Participant, design: Design, wordings: Wordings | None) -> ParticipantItems:
+    def versions_of_design(
+        self, participant: Participant, design: Design, wordings: DesignTexts | None
+    ) -> ParticipantItems:
         """Returns the item versions of a design in the participant's language."""
         language = participant.language or design.languages[0]
         content: Any = [design.questionnaires, language, wordings]
         key = msgspec.json.encode(content, order="deterministic")
         if key not in self._forms:
-            translate = translator(self._store, language, wordings)
-            self._forms[key] = self._catalogue.form(design, language, translate)
+            translate = sentence_translator(self._store, language, wordings)
+            self._forms[key] = self._catalogue.add_design_items(design, language, translate)
         return self._forms[key]
 
     def _take(self, participant: Participant, answer: StudyAnswer, form: ParticipantItems) -> None:
@@ -250,11 +254,13 @@ class AnsweredItems:
 
     def _unknown(self, participant: Participant, answer: StudyAnswer) -> ItemVersion:
         """Returns an item version for an answer without a stored text."""
-        item = Item(answer.item, UNKNOWN, MAX_POINTS, "?", "?")
-        version = self._catalogue.version(item, item, participant.language or "", NOT_STORED)
+        item = Item(answer.item, UNKNOWN_ITEM_TEXT, MAX_SCALE_POINTS, "?", "?")
+        version = self._catalogue.find_or_add_version(
+            item, item, participant.language or "", UNKNOWN_QUESTIONNAIRE
+        )
         about = CAREGIVER if answer.respondent == CAREGIVER else "after_session"
         when = "after_trial" if answer.attempt is not None else about
-        self._catalogue.add(Questionnaire(NOT_STORED, when, (version.item,)))
+        self._catalogue.add_questionnaire(Questionnaire(UNKNOWN_QUESTIONNAIRE, when, (version.item,)))
         return version
 
 
@@ -286,7 +292,9 @@ class _ParticipantItems:
     def _of_row(self, row: StoredDesign) -> ParticipantItems:
         if row.id not in self._by_row:
             design = design_from_row(row)
-            self._by_row[row.id] = self._answered_items.form(self._participant, design, row.wordings)
+            self._by_row[row.id] = self._answered_items.versions_of_design(
+                self._participant, design, row.wordings
+            )
         return self._by_row[row.id]
 
     def _of_attempt(self, attempt: int | None) -> ParticipantItems:
@@ -294,15 +302,17 @@ class _ParticipantItems:
             design = self._store.design
             with suppress(OSError, RecordingError, StudyError, KeyError):  # another check reports it
                 design = self._recorded(self._attempts[attempt or 0])
-            self._by_attempt[attempt] = self._answered_items.form(self._participant, design, None)
+            self._by_attempt[attempt] = self._answered_items.versions_of_design(
+                self._participant, design, None
+            )
         return self._by_attempt[attempt]
 
     def _recorded(self, attempt: TrialAttempt) -> Design:
         """Returns the current design, with the values that the attempt's recording contains."""
         design = self._store.design
-        translate = translator(self._store, self._participant.language or design.languages[0], None)
-        configuration = read_header(self._store.path(attempt.recording)).configuration
-        return design_as_recorded(design, self._trials[attempt.trial], configuration, translate)
+        translate = sentence_translator(self._store, self._participant.language or design.languages[0], None)
+        configuration = read_header(self._store.absolute_path(attempt.recording)).configuration
+        return design_from_recording(design, self._trials[attempt.trial], configuration, translate)
 
     @cached_property
     def _attempts(self) -> dict[int, TrialAttempt]:

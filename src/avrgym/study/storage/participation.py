@@ -20,27 +20,28 @@ from avrgym.recording.configuration import RecordedConsent
 from avrgym.study.storage import signing
 from avrgym.study.storage.hash_chain import json_sha256
 from avrgym.study.storage.schema import new_salt
-from avrgym.system.files import PRIVATE_FILE, private_opener, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, private_opener, write_atomically
 
 FILE = "participation.jsonl"
-INVALID_COPY = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
+INVALID_COPY_PATTERN = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
 """Pattern of the file names of renamed invalid lists. Earlier versions used the suffix ``unsound``."""
-DELETED = "deleted"
+DELETED_STATE = "deleted"
 """State of a participant whose data were deleted. Only the list contains it."""
-FINAL_STATES = ("withdrawn", "excluded", DELETED)
+FINAL_STATES = ("withdrawn", "excluded", DELETED_STATE)
 """Final states of a participant. If the database lacks a final state, it is restored from the list."""
-LIST_BEGUN, LIST_COMPARED = "list begun", "compared with the database"
-REBUILT = "database rebuilt"
+LIST_STARTED_EVENT, LIST_COMPARED_EVENT = "list begun", "compared with the database"
+DATABASE_REBUILT_EVENT = "database rebuilt"
 """Name of the event for the rebuild of a lost database from the recordings.
 
-An entry without a participant contains one of the events ``LIST_BEGUN``, ``LIST_COMPARED`` and ``REBUILT``.
+An entry without a participant contains one of the events ``LIST_STARTED_EVENT``, ``LIST_COMPARED_EVENT`` and
+``DATABASE_REBUILT_EVENT``.
 """
 
-Content = Mapping[str, Any]
+EntryContent = Mapping[str, Any]
 """Content of a list entry: state or event, time, and further fields, by name."""
 
 
-class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class ParticipationEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An entry of the participation list: one line of the file.
 
     ``participant``: participant number; ``None`` for an entry about the list or the database. ``content``: ``None``
@@ -57,48 +58,50 @@ class Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 @dataclass(frozen=True)
-class Participation:
+class ParticipationEntries:
     """Entries of a participation list.
 
     ``fault``: reason why the list is invalid, such as "is empty"; empty for a valid list.
     """
 
-    entries: tuple[Entry, ...]
+    entries: tuple[ParticipationEntry, ...]
     fault: str = ""
 
     @cached_property
-    def latest(self) -> Mapping[int, Content]:
+    def latest_content(self) -> Mapping[int, EntryContent]:
         """Content of each participant's latest entry, by participant number."""
         return {each.participant: each.content for each in self.entries if each.participant and each.content}
 
     @cached_property
-    def without_participant(self) -> Sequence[Content]:
+    def contents_without_participant(self) -> Sequence[EntryContent]:
         """Contents of the entries without a participant, in the order of the file."""
         return [each.content for each in self.entries if each.participant is None and each.content]
 
     @property
     def chain_ids(self) -> set[str | None]:
         """Ids of all database hash chains to which the list has belonged. The id is the first digest of a chain."""
-        return {each.get("ledger") for each in self.without_participant}
+        return {each.get("ledger") for each in self.contents_without_participant}
 
     @property
     def chain_id(self) -> str | None:
         """Id of the database hash chain to which the list belongs; ``None`` if unknown."""
-        return next((each["ledger"] for each in reversed(self.without_participant) if "ledger" in each), None)
+        return next(
+            (each["ledger"] for each in reversed(self.contents_without_participant) if "ledger" in each), None
+        )
 
     @property
     def begun_at(self) -> str:
         """Time of the list's first entry."""
-        return self.without_participant[0]["at"]
+        return self.contents_without_participant[0]["at"]
 
     @property
     def list_id(self) -> str:
         """Id of the list: the digest of its first entry."""
         return self.entries[0].digest
 
-    def rebuilds(self) -> list[Content]:
+    def rebuild_contents(self) -> list[EntryContent]:
         """Returns the contents of the entries about rebuilds of the database."""
-        return [each for each in self.without_participant if each["event"] == REBUILT]
+        return [each for each in self.contents_without_participant if each["event"] == DATABASE_REBUILT_EVENT]
 
     def consents(self, participant: int) -> list[RecordedConsent]:
         """Returns all consents of a participant. ``participant``: participant number."""
@@ -116,10 +119,10 @@ class Participation:
 
     def is_signed_by_user(self) -> bool:
         """Returns whether this user's key signed the last entry. The digest of this entry covers all others."""
-        own = signing.user_key()
+        own = signing.load_signing_key()
         return own is not None and self.entries[-1].key == signing.public_key(own)
 
-    def contains(self, digest: str) -> bool:
+    def contains_digest(self, digest: str) -> bool:
         """Returns whether the list contains an entry with this digest."""
         return any(each.digest == digest for each in reversed(self.entries))
 
@@ -129,14 +132,14 @@ class ParticipationList:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._known: tuple[object, Participation] | None = None
+        self._known: tuple[object, ParticipationEntries] | None = None
 
     @property
     def path(self) -> Path:
         """Path of the list's file."""
         return self._folder / FILE
 
-    def read(self) -> Participation | None:
+    def read(self) -> ParticipationEntries | None:
         """Returns the entries of the list; ``None`` if the file does not exist."""
         try:
             version = self._version()
@@ -146,12 +149,12 @@ class ParticipationList:
             self._known = version, _parsed(self.path.read_bytes())
         return self._known[1]
 
-    def append(self, contents: Sequence[tuple[int | None, Content]]) -> None:
+    def append_entries(self, contents: Sequence[tuple[int | None, EntryContent]]) -> None:
         """Append entries and flush them to disk. Raises ``OSError`` if the file cannot be written.
 
         ``contents``: participant number (or ``None``) and content of each entry.
         """
-        before = self.read() or Participation(())
+        before = self.read() or ParticipationEntries(())
         entries = [*before.entries]
         for participant, content in contents:
             entries.append(_entry_after(entries[-1] if entries else None, participant, content))
@@ -165,19 +168,19 @@ class ParticipationList:
                 os.fsync(file.fileno())
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self.path)) from None
-        after = Participation(tuple(entries), before.fault)
+        after = ParticipationEntries(tuple(entries), before.fault)
         self._known = self._version(), after
         signing.store_last_entry(self._folder, after.list_id, entries[-1].digest)
 
     def store_last_entry(self) -> None:
         """Store the list's last entry in the user's data folder, unless the folder already has one of this list."""
-        known, end = self.read(), signing.last_entry(self._folder)
+        known, end = self.read(), signing.read_last_entry(self._folder)
         if known is None or known.fault or not known.is_signed_by_user():
             return
         if end is None or end.list_id != known.list_id:
             signing.store_last_entry(self._folder, known.list_id, known.entries[-1].digest)
 
-    def erase(self, participant: int) -> None:
+    def erase_participant(self, participant: int) -> None:
         """Erase the contents of a participant's entries, except the last entry. Also remove renamed invalid lists.
 
         Checksums and digests are not changed.
@@ -195,16 +198,18 @@ class ParticipationList:
                 msgspec.structs.replace(each, content=None) if each.number in erased else each
                 for each in known.entries
             ]
-            write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE)
+            write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE_MODE)
 
-    def rename_invalid(self) -> None:
+    def rename_invalid_file(self) -> None:
         """Rename the file of an invalid list. The next ``append`` starts a new list."""
         numbers = [_copy_number(path) for path in self.invalid_copies()]
         os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 
     def invalid_copies(self) -> list[Path]:
         """Returns the paths of renamed invalid lists."""
-        return sorted(path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY.fullmatch(path.name))
+        return sorted(
+            path for path in self._folder.glob(f"{FILE}.*") if INVALID_COPY_PATTERN.fullmatch(path.name)
+        )
 
     def _version(self) -> object:
         found = self.path.stat()
@@ -220,75 +225,79 @@ class ParticipationList:
         if self.path.exists():
             data = self.path.read_bytes()
             if not data.endswith(b"\n"):
-                write_atomically(self.path, data[: data.rfind(b"\n") + 1], PRIVATE_FILE)
+                write_atomically(self.path, data[: data.rfind(b"\n") + 1], PRIVATE_FILE_MODE)
 
 
-def content_of(state: str, at: str, **values: Any) -> Content:
+def participant_content(state: str, at: str, **values: Any) -> EntryContent:
     """Returns the content of an entry about a participant. Values that are ``None`` are omitted."""
     return {"state": state, "at": at} | {name: value for name, value in values.items() if value is not None}
 
 
-def has_same_content(content: Content, other: Content | None) -> bool:
+def has_same_content(content: EntryContent, other: EntryContent | None) -> bool:
     """Returns whether two contents are equal. Time and salt are ignored."""
     return other is not None and _without_time(content) == _without_time(other)
 
 
-def _without_time(content: Content) -> Content:
+def _without_time(content: EntryContent) -> EntryContent:
     return {name: value for name, value in content.items() if name not in ("at", "salt")}
 
 
 def _copy_number(path: Path) -> int:
-    match = INVALID_COPY.fullmatch(path.name)
+    match = INVALID_COPY_PATTERN.fullmatch(path.name)
     return int(match[1]) if match else 0
 
 
 # Entries
 
 
-def _entry_after(before: Entry | None, participant: int | None, content: Content) -> Entry:
+def _entry_after(
+    before: ParticipationEntry | None, participant: int | None, content: EntryContent
+) -> ParticipationEntry:
     number = before.number + 1 if before else 1
     salted = dict(content) | {"salt": new_salt()}
     sha256 = json_sha256(salted)
     digest = _digest(before.digest if before else "", number, participant, sha256)
-    own = signing.user_key()
+    own = signing.load_signing_key()
     key = signing.public_key(own) if own else ""
     signature = own.sign(digest.encode()).hex() if own else ""
-    return Entry(number, participant, salted, sha256, digest, key, signature)
+    return ParticipationEntry(number, participant, salted, sha256, digest, key, signature)
 
 
-def _line(entry: Entry) -> bytes:
+def _line(entry: ParticipationEntry) -> bytes:
     return msgspec.json.encode(entry) + b"\n"
 
 
-def _parsed(data: bytes) -> Participation:
+def _parsed(data: bytes) -> ParticipationEntries:
     """Returns the entries up to the first damaged entry. An unfinished last line is ignored."""
-    entries: list[Entry] = []
+    entries: list[ParticipationEntry] = []
     for number, line in enumerate(data.split(b"\n")[:-1], start=1):
         try:
-            entries.append(msgspec.json.decode(line, type=Entry))
+            entries.append(msgspec.json.decode(line, type=ParticipationEntry))
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
-            return Participation(tuple(entries), f"is damaged in line {number}: {error}")
+            return ParticipationEntries(tuple(entries), f"is damaged in line {number}: {error}")
     if not entries:
-        return Participation((), "is empty")
-    return Participation(tuple(entries), next(_faults(entries), ""))
+        return ParticipationEntries((), "is empty")
+    return ParticipationEntries(tuple(entries), next(_faults(entries), ""))
 
 
-def _faults(entries: Sequence[Entry]) -> Iterator[str]:
+def _faults(entries: Sequence[ParticipationEntry]) -> Iterator[str]:
     before = ""
     for number, each in enumerate(entries, start=1):
         if each.digest != _digest(before, number, each.participant, each.sha256) or each.number != number:
             yield f"was changed: entry {number} does not match the previous entry"
         before = each.digest
-    deleted = {each.participant for each in entries if each.content and each.content.get("state") == DELETED}
+    deleted = {
+        each.participant for each in entries if each.content and each.content.get("state") == DELETED_STATE
+    }
     for each in entries:
         if each.content is None and each.participant not in deleted:
             yield f"was changed: the content of entry {each.number} is missing"
         if each.content is not None and json_sha256(each.content) != each.sha256:
             yield f"was changed: the content of entry {each.number} does not match its checksum"
-    if entries[0].content is None or entries[0].content.get("event") != LIST_BEGUN:
+    if entries[0].content is None or entries[0].content.get("event") != LIST_STARTED_EVENT:
         yield "was changed: its first entry is missing"
     for each in {each.key: each for each in entries}.values():
-        if each.key and not signing.is_signed(each.key, each.signature, each.digest):
+        if each.key and not signing.is_signature_valid(each.key, each.signature, each.digest):
             yield f"was changed: the signature of entry {each.number} is invalid"
 
 

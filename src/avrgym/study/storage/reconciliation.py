@@ -13,22 +13,28 @@ import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, signing
 from avrgym.study.storage.participation import (
-    DELETED,
+    DATABASE_REBUILT_EVENT,
+    DELETED_STATE,
     FINAL_STATES,
-    LIST_BEGUN,
-    LIST_COMPARED,
-    REBUILT,
-    Content,
-    Participation,
+    LIST_COMPARED_EVENT,
+    LIST_STARTED_EVENT,
+    EntryContent,
+    ParticipationEntries,
     ParticipationList,
-    content_of,
     has_same_content,
+    participant_content,
 )
-from avrgym.study.storage.schema import EVENT, LEDGER, PARTICIPANT, TOMBSTONE, now
+from avrgym.study.storage.schema import (
+    EVENT_TABLE,
+    LEDGER_TABLE,
+    PARTICIPANT_TABLE,
+    TOMBSTONE_TABLE,
+    utc_timestamp,
+)
 
-STATE_RESTORED = "participation restored"
+STATE_RESTORED_EVENT = "participation restored"
 """Name of the event for a final state that was restored from the participation list."""
-STUDY_SET_BACK = "participation list set back"
+OLDER_COPY_EVENT = "participation list set back"
 """Name of the event for a study that is an older copy than the last one on this computer."""
 _COLUMNS = (
     "simulated",
@@ -45,11 +51,11 @@ _COLUMNS = (
 )
 """Fields of a participant in the list, in addition to the state."""
 
-Contents = Mapping[int, Content]
+ContentByParticipant = Mapping[int, EntryContent]
 """Contents of list entries, by participant number."""
 
 
-def participant_values(content: Content) -> dict[str, Any]:
+def participant_row_values(content: EntryContent) -> dict[str, Any]:
     """Returns the values of a participant's row from the content of a list entry, without the state."""
     return {name: content.get(name) for name in _COLUMNS}
 
@@ -64,14 +70,14 @@ def append_transaction(
 
     ``written``: table and primary key of each row that the transaction wrote.
     """
-    numbers = {key for name, key in written if name in (PARTICIPANT.name, TOMBSTONE.name)}
-    events = {key for name, key in written if name == EVENT.name}
+    numbers = {key for name, key in written if name in (PARTICIPANT_TABLE.name, TOMBSTONE_TABLE.name)}
+    events = {key for name, key in written if name == EVENT_TABLE.name}
     rebuilt = list(_rebuilds(connection, events)) if events else []
     if not numbers and not rebuilt:
         return
     before = known.read()
     if before is not None and before.fault:
-        known.rename_invalid()
+        known.rename_invalid_file()
         _begin(known, connection, f"replaces a list that {before.fault}")
     elif before is None:
         _begin(known, connection, "", numbers)
@@ -86,28 +92,31 @@ def _begin(
     everybody = _contents(connection)
     is_first = everybody.keys() <= {*enrolled}
     times = [str(each["enrolled_at"]) for each in everybody.values() if is_first and each.get("enrolled_at")]
-    begun = _without_participant(connection, LIST_BEGUN, min(times, default=now()), detail)
+    begun = _without_participant(connection, LIST_STARTED_EVENT, min(times, default=utc_timestamp()), detail)
     rebuilt = [(None, each) for each in _rebuilds(connection)]
     if everybody or rebuilt:
-        known.append([(None, begun), *rebuilt, *sorted(everybody.items())])
+        known.append_entries([(None, begun), *rebuilt, *sorted(everybody.items())])
 
 
 def _append(
-    known: ParticipationList, before: Participation, contents: Contents, rebuilt: Collection[Content] = ()
+    known: ParticipationList,
+    before: ParticipationEntries,
+    contents: ContentByParticipant,
+    rebuilt: Collection[EntryContent] = (),
 ) -> None:
-    known_rebuilds = {(each["at"], each["detail"]) for each in before.rebuilds()}
+    known_rebuilds = {(each["at"], each["detail"]) for each in before.rebuild_contents()}
     new = [(None, each) for each in rebuilt if (each["at"], each["detail"]) not in known_rebuilds]
     new += [(number, each) for number, each in sorted(contents.items()) if _is_news(before, number, each)]
     if new:
-        known.append(new)
+        known.append_entries(new)
 
 
-def _is_news(before: Participation, number: int, content: Content) -> bool:
+def _is_news(before: ParticipationEntries, number: int, content: EntryContent) -> bool:
     """Returns whether a participant's content is new and may be appended. A final state is never replaced."""
-    latest = before.latest.get(number)
+    latest = before.latest_content.get(number)
     if latest is not None and latest["state"] in FINAL_STATES and content["state"] not in FINAL_STATES:
         return False
-    if latest is not None and latest["state"] == DELETED:
+    if latest is not None and latest["state"] == DELETED_STATE:
         return False
     return not has_same_content(content, latest)
 
@@ -116,38 +125,40 @@ def _contents(
     connection: sa.Connection,
     participants: Collection[int] | None = None,
     tombstones: Collection[int] | None = None,
-) -> dict[int, Content]:
+) -> dict[int, EntryContent]:
     """Returns the contents of list entries about participants and deleted participants, by participant number.
 
     ``participants`` and ``tombstones``: only these numbers; default: all.
     """
-    columns = [PARTICIPANT.c[name] for name in ("number", "state", *_COLUMNS)]
-    rows = _all(connection, columns, PARTICIPANT.c.number, participants)
+    columns = [PARTICIPANT_TABLE.c[name] for name in ("number", "state", *_COLUMNS)]
+    rows = _all(connection, columns, PARTICIPANT_TABLE.c.number, participants)
     found = {
-        row["number"]: content_of(
-            at=now(), **{name: value for name, value in row.items() if name != "number"}
+        row["number"]: participant_content(
+            at=utc_timestamp(), **{name: value for name, value in row.items() if name != "number"}
         )
         for row in rows
     }
-    for row in _all(connection, list(TOMBSTONE.c), TOMBSTONE.c.number, tombstones):
-        found[row["number"]] = content_of(DELETED, row["deleted_at"], simulated=row["simulated"])
+    for row in _all(connection, list(TOMBSTONE_TABLE.c), TOMBSTONE_TABLE.c.number, tombstones):
+        found[row["number"]] = participant_content(
+            DELETED_STATE, row["deleted_at"], simulated=row["simulated"]
+        )
     return found
 
 
-def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) -> Iterator[Content]:
+def _rebuilds(connection: sa.Connection, keys: Collection[int] | None = None) -> Iterator[EntryContent]:
     """Yields the contents of entries about rebuilds of the database, from its events."""
-    for row in _all(connection, list(EVENT.c), EVENT.c.id, keys):
-        if row["name"] == REBUILT:
-            yield _without_participant(connection, REBUILT, row["at"], row["detail"])
+    for row in _all(connection, list(EVENT_TABLE.c), EVENT_TABLE.c.id, keys):
+        if row["name"] == DATABASE_REBUILT_EVENT:
+            yield _without_participant(connection, DATABASE_REBUILT_EVENT, row["at"], row["detail"])
 
 
-def _without_participant(connection: sa.Connection, event: str, at: str, detail: str) -> Content:
+def _without_participant(connection: sa.Connection, event: str, at: str, detail: str) -> EntryContent:
     return {"event": event, "at": at, "detail": detail, "ledger": chain_id(connection)}
 
 
 def chain_id(connection: sa.Connection) -> str | None:
     """Returns the id of the database's hash chain, which is its first digest; ``None`` for an empty chain."""
-    return connection.execute(sa.select(LEDGER.c.digest).where(LEDGER.c.number == 1)).scalar()
+    return connection.execute(sa.select(LEDGER_TABLE.c.digest).where(LEDGER_TABLE.c.number == 1)).scalar()
 
 
 def _all(
@@ -163,90 +174,103 @@ def _all(
 
 
 @dataclass(frozen=True)
-class Differences:
+class ListDifferences:
     """Differences between participation list and database when a study is opened.
 
     ``begin``: reason to start a new list; ``None`` if the list is valid. ``restored``: final states that only the list
     contains, by participant number. ``missing``: states that only the database contains, by participant number.
-    ``set_back``: the list is an older copy and lacks the last entry that this computer stored. ``is_unsigned``: the
-    list matches the database, but this user has not signed it.
+    ``is_older_copy``: the list is an older copy and lacks the last entry that this computer stored. ``is_unsigned``:
+    the list matches the database, but this user has not signed it.
     """
 
-    begin: str | None = None
-    restored: Contents = field(default_factory=dict[int, Content])
-    missing: Contents = field(default_factory=dict[int, Content])
-    set_back: bool = False
+    new_list_reason: str | None = None
+    restored_states: ContentByParticipant = field(default_factory=dict[int, EntryContent])
+    missing_states: ContentByParticipant = field(default_factory=dict[int, EntryContent])
+    is_older_copy: bool = False
     is_unsigned: bool = False
 
     def __bool__(self) -> bool:
-        return self.begin is not None or any((self.restored, self.missing, self.set_back, self.is_unsigned))
+        return self.new_list_reason is not None or any(
+            (self.restored_states, self.missing_states, self.is_older_copy, self.is_unsigned)
+        )
 
 
-def compare(known: ParticipationList, connection: sa.Connection) -> Differences:
+def compare_with_list(known: ParticipationList, connection: sa.Connection) -> ListDifferences:
     """Returns the differences between list and database. Rows that another program changed are ignored."""
     everybody = _contents(connection)
-    unchanged_keys = hash_chain.unchanged_keys(connection, PARTICIPANT)
-    edited = {number for number, each in everybody.items() if each["state"] != DELETED} - unchanged_keys
+    unchanged_keys = hash_chain.unchanged_keys(connection, PARTICIPANT_TABLE)
+    edited = {number for number, each in everybody.items() if each["state"] != DELETED_STATE} - unchanged_keys
     contents = {number: each for number, each in everybody.items() if number not in edited}
     before = known.read()
     if before is None:
-        return Differences(begin="" if contents else None)
+        return ListDifferences(new_list_reason="" if contents else None)
     if before.fault:
-        return Differences(begin=f"replaces a list that {before.fault}")
+        return ListDifferences(new_list_reason=f"replaces a list that {before.fault}")
     if chain_id(connection) not in before.chain_ids:
-        return Differences(begin="replaces a list of another study")
+        return ListDifferences(new_list_reason="replaces a list of another study")
     restored = {
         number: content
-        for number, content in before.latest.items()
+        for number, content in before.latest_content.items()
         if number not in edited and content["state"] in FINAL_STATES and _lacks(contents.get(number), content)
     }
     missing = {number: each for number, each in contents.items() if _is_news(before, number, each)}
     if before.is_signed_by_user():
-        end = signing.last_entry(known.path.parent)
-        set_back = end is not None and end.list_id == before.list_id and not before.contains(end.digest)
-        return Differences(restored=restored, missing=missing, set_back=set_back)
+        end = signing.read_last_entry(known.path.parent)
+        set_back = (
+            end is not None and end.list_id == before.list_id and not before.contains_digest(end.digest)
+        )
+        return ListDifferences(restored_states=restored, missing_states=missing, is_older_copy=set_back)
     if restored or missing:
-        return Differences(begin="replaces a different list that another user's key signed")
-    return Differences(is_unsigned=signing.user_key() is not None)
+        return ListDifferences(new_list_reason="replaces a different list that another user's key signed")
+    return ListDifferences(is_unsigned=signing.load_signing_key() is not None)
 
 
-def _lacks(found: Content | None, final: Content) -> bool:
+def _lacks(found: EntryContent | None, final: EntryContent) -> bool:
     """Returns whether the database lacks a final state. ``found``: the participant's content in the database."""
     if found is None:
-        return final["state"] == DELETED
+        return final["state"] == DELETED_STATE
     return found["state"] not in FINAL_STATES
 
 
 def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
     """Make list and database consistent, within a write transaction."""
-    found = compare(known, connection)
-    if found.begin is not None:
+    found = compare_with_list(known, connection)
+    if found.new_list_reason is not None:
         if known.path.exists():
-            known.rename_invalid()
-        _begin(known, connection, found.begin)
-    for number, content in found.restored.items():
+            known.rename_invalid_file()
+        _begin(known, connection, found.new_list_reason)
+    for number, content in found.restored_states.items():
         _restore(connection, number, content)
     before = known.read()
     if before is not None:
-        _append(known, before, found.missing)
-    if found.set_back:
+        _append(known, before, found.missing_states)
+    if found.is_older_copy:
         detail = "this copy of the study is older than the last one on this computer"
-        hash_chain.insert(connection, EVENT, at=now(), name=STUDY_SET_BACK, detail=detail)
-    if found.set_back or found.is_unsigned:
-        known.append([(None, _without_participant(connection, LIST_COMPARED, now(), ""))])
+        hash_chain.insert(connection, EVENT_TABLE, at=utc_timestamp(), name=OLDER_COPY_EVENT, detail=detail)
+    if found.is_older_copy or found.is_unsigned:
+        known.append_entries(
+            [(None, _without_participant(connection, LIST_COMPARED_EVENT, utc_timestamp(), ""))]
+        )
 
 
-def _restore(connection: sa.Connection, number: int, content: Content) -> None:
+def _restore(connection: sa.Connection, number: int, content: EntryContent) -> None:
     """Store a final state that only the list contains.
 
     If the database still contains a deleted participant, the participant becomes withdrawn until the next deletion.
     """
-    rows = _all(connection, [PARTICIPANT.c.number], PARTICIPANT.c.number, [number])
+    rows = _all(connection, [PARTICIPANT_TABLE.c.number], PARTICIPANT_TABLE.c.number, [number])
     if rows:
-        state = "withdrawn" if content["state"] == DELETED else content["state"]
-        hash_chain.update(connection, PARTICIPANT, number, state=state)
+        state = "withdrawn" if content["state"] == DELETED_STATE else content["state"]
+        hash_chain.update(connection, PARTICIPANT_TABLE, number, state=state)
         detail = f"{content['state']} at {content['at']} by the participation list"
-        hash_chain.insert(connection, EVENT, at=now(), participant=number, name=STATE_RESTORED, detail=detail)
+        hash_chain.insert(
+            connection,
+            EVENT_TABLE,
+            at=utc_timestamp(),
+            participant=number,
+            name=STATE_RESTORED_EVENT,
+            detail=detail,
+        )
     else:
         row = {"number": number, "simulated": content.get("simulated", False), "deleted_at": content["at"]}
-        hash_chain.insert(connection, TOMBSTONE, **row)
+        hash_chain.insert(connection, TOMBSTONE_TABLE, **row)

@@ -68,7 +68,7 @@ class Participant:
 
     @property
     def answered_by(self) -> str:
-        """The person who answers the participant's questionnaires: one of ``ANSWERING``."""
+        """The person who answers the participant's questionnaires: one of ``PARTICIPANT_RESPONDENTS``."""
         return self.respondent or PARTICIPANT
 
     def must_reconsent(self, version: str) -> bool:
@@ -99,12 +99,12 @@ class StudySession:
     headset_check: dict[str, Any] | None
 
     @property
-    def headset(self) -> HeadsetCheck | None:
+    def latest_headset_check(self) -> HeadsetCheck | None:
         """Result of the session's latest headset check; ``None`` before the first check."""
         return None if self.headset_check is None else msgspec.convert(self.headset_check, HeadsetCheck)
 
     @property
-    def folder(self) -> str:
+    def recordings_folder(self) -> str:
         """Folder of the session's recordings, relative to the study's folder."""
         return f"{RECORDINGS}/{pseudonym_of(self.participant)}/{self.name}"
 
@@ -218,7 +218,7 @@ class StudyEvent:
 
 
 @dataclass(frozen=True)
-class Note:
+class ExperimenterNote:
     """A note of an experimenter about a participant. ``at``: time of the note."""
 
     id: int
@@ -229,7 +229,7 @@ class Note:
 
 
 @dataclass(frozen=True)
-class AdverseEvent:
+class AdverseEventReport:
     """A report of an adverse event.
 
     ``began_at``: start of the event. ``recorded_at``: time of the report. ``follows``: id of the first report of the
@@ -264,7 +264,7 @@ class ConsentText:
 
 
 @dataclass(frozen=True)
-class Consent:
+class ConsentRecord:
     """A decision about a consent text, by the participant or a representative.
 
     ``at``: time of the decision. ``sha256``: checksum of the text. Fields that an earlier version of AVR Gym did not
@@ -287,7 +287,7 @@ class Consent:
 
 
 @dataclass(frozen=True)
-class ParticipantLink:
+class StoredSessionLink:
     """Checksum of a link to a session. ``role``: ``caregiver``; ``None`` for the participant's link."""
 
     id: int
@@ -340,7 +340,7 @@ class Site:
 
 
 @dataclass(frozen=True)
-class Tombstone:
+class DeletedParticipant:
     """A participant whose data were deleted."""
 
     number: int
@@ -360,7 +360,7 @@ class Experimenter:
 
 
 @dataclass(frozen=True)
-class LogEntry:
+class AuditLogEntry:
     """An entry of the audit log: an action, or the view of data.
 
     ``name``: the action. ``person``: name of the person. ``known_by``: one of ``IDENTIFICATION_METHODS``.

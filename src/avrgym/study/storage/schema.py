@@ -26,7 +26,7 @@ METADATA = MetaData(
 )
 
 
-def now() -> str:
+def utc_timestamp() -> str:
     """Returns the current time in the stored format (ISO 8601, UTC)."""
     return datetime.now(UTC).isoformat(timespec="microseconds")
 
@@ -40,7 +40,7 @@ def _salt() -> Column[str]:
     return Column("salt", String, default=new_salt)
 
 
-STUDY = Table(
+STUDY_TABLE = Table(
     "study",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -50,7 +50,7 @@ STUDY = Table(
 )
 """One row: the design fields that determine trial orders. They must not change after the first allocation."""
 
-PARTICIPANT = Table(
+PARTICIPANT_TABLE = Table(
     "participant",
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),
@@ -79,7 +79,7 @@ actions, see ``recording.input_profile``. ``respondent``: ``proxy`` if a proxy a
 ``language``: language of the texts. ``site_number``: participant number at the site, in a merged study.
 """
 
-SESSION = Table(
+SESSION_TABLE = Table(
     "session",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -96,7 +96,7 @@ SESSION = Table(
 )
 """Sessions. ``headset_check``: results of the latest headset check, in the format of ``vr.headset_check``."""
 
-DESIGN = Table(
+DESIGN_TABLE = Table(
     "design",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -112,7 +112,7 @@ DESIGN = Table(
 ``wordings`` contains the texts that participants read in each language, see ``design.comparison``.
 """
 
-TRIAL = Table(
+TRIAL_TABLE = Table(
     "trial",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -127,7 +127,7 @@ TRIAL = Table(
     UniqueConstraint("participant", "position"),
 )
 
-ATTEMPT = Table(
+ATTEMPT_TABLE = Table(
     "attempt",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -153,7 +153,7 @@ of the attempt.
 The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """
 
-ANSWER = Table(
+ANSWER_TABLE = Table(
     "answer",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -172,7 +172,7 @@ ANSWER = Table(
 ``respondent``: ``proxy`` or ``caregiver``; null for the participant.
 """
 
-EVENT = Table(
+EVENT_TABLE = Table(
     "event",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -185,7 +185,7 @@ EVENT = Table(
     _salt(),
 )
 
-NOTE = Table(
+NOTE_TABLE = Table(
     "note",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -196,7 +196,7 @@ NOTE = Table(
     _salt(),
 )
 
-ADVERSE_EVENT = Table(
+ADVERSE_EVENT_TABLE = Table(
     "adverse_event",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -216,7 +216,7 @@ ADVERSE_EVENT = Table(
 )
 """Reports of adverse events. ``follows`` is the id of the first report of the same event."""
 
-CONSENT_TEXT = Table(
+CONSENT_TEXT_TABLE = Table(
     "consent_text",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -229,7 +229,7 @@ CONSENT_TEXT = Table(
 )
 """Consent texts that participants read. A text is stored at its first use and never changed."""
 
-CONSENT = Table(
+CONSENT_TABLE = Table(
     "consent",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -250,7 +250,7 @@ participant's own consent.
 The participant's row also contains the latest consent.
 """
 
-LINK = Table(
+LINK_TABLE = Table(
     "link",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -298,7 +298,7 @@ INVITATION_USE = Table(
 the participant's own token.
 ``service_study`` and ``service_session``: the recruitment service's ids of its study and session."""
 
-TOMBSTONE = Table(
+TOMBSTONE_TABLE = Table(
     "tombstone",
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),
@@ -308,7 +308,7 @@ TOMBSTONE = Table(
 )
 """Participants whose data were deleted. Their numbers are never used again."""
 
-SITE = Table(
+SITE_TABLE = Table(
     "site",
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),
@@ -320,7 +320,7 @@ SITE = Table(
 )
 """Sites of a merged study, with the last entry of each site's hash chain at the latest merge."""
 
-EXPERIMENTER = Table(
+EXPERIMENTER_TABLE = Table(
     "experimenter",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -333,7 +333,7 @@ EXPERIMENTER = Table(
 )
 """Experimenters with personal tokens. Only checksums of tokens are stored."""
 
-LOG = Table(
+LOG_TABLE = Table(
     "log",
     METADATA,
     Column("id", Integer, primary_key=True, autoincrement=False),
@@ -352,7 +352,7 @@ LOG = Table(
 ``completed`` and ``planned``: numbers of participants when the person viewed results.
 """
 
-LEDGER = Table(
+LEDGER_TABLE = Table(
     "ledger",
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),

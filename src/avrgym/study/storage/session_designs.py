@@ -8,24 +8,24 @@ from typing import Any
 import msgspec
 
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import RecordingError, read_header
-from avrgym.study.design.comparison import Wordings, design_from_dict
+from avrgym.study.design.comparison import DesignTexts, design_from_dict
 from avrgym.study.design.design import Design, InclusionQuestion
 from avrgym.study.storage.rows import Participant, StoredDesign, StudySession, Trial, TrialAttempt
-from avrgym.study.storage.sites import SITE_DIFFERS
+from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.texts.interface_texts import TextsError, normalize_whitespace, read_texts
+from avrgym.texts.interface_texts import InvalidTextsError, normalize_whitespace, read_texts
 
-Translate = Callable[[str], str]
+SentenceTranslator = Callable[[str], str]
 """Function that translates an English sentence of a design."""
 AFTER_TRIAL = "after_trial"
 """The moment of questions about a trial, one of ``MOMENTS``."""
 
 
-def design_as_recorded(
-    design: Design, trial: Trial, configuration: Configuration, translate: Translate
+def design_from_recording(
+    design: Design, trial: Trial, configuration: TrialConfiguration, translate: SentenceTranslator
 ) -> Design:
     """Returns the design that a trial used, from the configuration in the trial's recording.
 
@@ -41,14 +41,14 @@ def design_as_recorded(
         "withdraw_after_success": configuration.withdraw_after_success,
         "furniture": configuration.furniture,
     }
-    if configuration.settings != design.settings_of(trial.policy):
+    if configuration.settings != design.settings_of_condition(trial.policy):
         changes["settings"] = configuration.settings
     if configuration.free_movement_s is not None:
         changes["free_movement_s"] = configuration.free_movement_s
     if configuration.stop_rules is not None:
         changes["stop_rules"] = configuration.stop_rules
     task = trial.task
-    expected = design.goal_of(task, trial.policy)
+    expected = design.instruction_of_task(task, trial.policy)
     if configuration.goal not in (expected, translate(expected)):
         changes["goals"] = {**design.goals, task: configuration.goal}
     if not trial.practice:
@@ -57,26 +57,26 @@ def design_as_recorded(
 
 
 def _asked(
-    design: Design, seed: int, items: Sequence[Item], translate: Translate
+    design: Design, seed: int, items: Sequence[Item], translate: SentenceTranslator
 ) -> tuple[Questionnaire, ...]:
     """Returns the design's questionnaires; those after a trial contain only the recorded ``items``."""
-    known = {item.id: item for item in design.items.values()}
+    known = {item.id: item for item in design.items_by_id.values()}
     asked = {item.id: _in_design(item, known.get(item.id), translate) for item in items}
     for order in ("as designed", "fixed", "random"):
         found = tuple(_with_items(each, asked, order) for each in design.questionnaires)
         found = _with_others(found, asked)
-        again = msgspec.structs.replace(design, questionnaires=found).items_at(AFTER_TRIAL, seed)
+        again = msgspec.structs.replace(design, questionnaires=found).items_at_moment(AFTER_TRIAL, seed)
         if [item.id for item in again] == list(asked):
             return found
     return tuple(_sorted(each, list(asked)) for each in found)
 
 
-def _in_design(item: Item, known: Item | None, translate: Translate) -> Item:
+def _in_design(item: Item, known: Item | None, translate: SentenceTranslator) -> Item:
     """Returns the design's item if the recorded text is its translation; otherwise the recorded item."""
     return known if known is not None and item in (known, translate_item(known, translate)) else item
 
 
-def translate_item(item: Item, translate: Translate) -> Item:
+def translate_item(item: Item, translate: SentenceTranslator) -> Item:
     """Returns the item with translated texts."""
     return msgspec.structs.replace(
         item,
@@ -121,9 +121,9 @@ class SessionDesign:
 
     participant: Participant
     session: StudySession
-    positions: tuple[int, ...]
+    trial_positions: tuple[int, ...]
     design: Design
-    wordings: Wordings | None
+    wordings: DesignTexts | None
 
     @property
     def language(self) -> str:
@@ -145,7 +145,7 @@ def session_designs(store: Store, participants: Sequence[Participant] | None = N
     ]
 
 
-def recorded_designs(store: Store) -> list[SessionDesign]:
+def designs_from_recordings(store: Store) -> list[SessionDesign]:
     """Returns the designs of all sessions, from the sessions' recordings.
 
     Values that recordings lack are read from the database, or from the study's current design. Trials without a
@@ -172,7 +172,7 @@ def design_from_row(row: StoredDesign) -> Design:
         ) from error
 
 
-def translator(store: Store, language: str, wordings: Wordings | None) -> Callable[[str], str]:
+def sentence_translator(store: Store, language: str, wordings: DesignTexts | None) -> Callable[[str], str]:
     """Returns a function that translates a design's sentences into a language.
 
     It uses the stored ``wordings``; if they are ``None``, the study's current texts.
@@ -182,7 +182,7 @@ def translator(store: Store, language: str, wordings: Wordings | None) -> Callab
         return lambda sentence: known.get(normalize_whitespace(sentence), sentence)
     try:
         return read_texts(language, store.folder).translate
-    except TextsError:
+    except InvalidTextsError:
         return lambda sentence: sentence
 
 
@@ -191,11 +191,11 @@ def describe_trials(sessions: Iterable[SessionDesign], everyone: Iterable[Sessio
     own, names = list(sessions), list[str]()
     if own and {_key(entry) for entry in own} == {_key(entry) for entry in everyone}:
         people = {entry.participant.pseudonym for entry in own}
-        trials = sum(len(entry.positions) for entry in own)
+        trials = sum(len(entry.trial_positions) for entry in own)
         return f"all participants ({', '.join(sorted(people))}: {trials} trials)"
     for pseudonym in dict.fromkeys(entry.participant.pseudonym for entry in own):
         positions = sorted(
-            {at for entry in own if entry.participant.pseudonym == pseudonym for at in entry.positions}
+            {at for entry in own if entry.participant.pseudonym == pseudonym for at in entry.trial_positions}
         )
         names.append(f"{pseudonym} ({_ranges(positions)})")
     return ", ".join(names)
@@ -208,14 +208,14 @@ def is_accepted_site_difference(
 
     ``own``: sessions with the difference. ``sessions``: all sessions of the study.
     """
-    accepted = any(event.name == SITE_DIFFERS for event in store.events())
+    accepted = any(event.name == SITE_DIFFERENCE_EVENT for event in store.events())
     sites = {entry.participant.site for entry in own}
     whole = [entry for entry in sessions if entry.participant.site in sites]
     return accepted and len(whole) == len(own)
 
 
 def _key(entry: SessionDesign) -> tuple[int, tuple[int, ...]]:
-    return entry.session.id, entry.positions
+    return entry.session.id, entry.trial_positions
 
 
 def _ranges(positions: list[int]) -> str:
@@ -234,11 +234,15 @@ def _ranges(positions: list[int]) -> str:
 
 def _admitted(store: Store) -> dict[int, tuple[InclusionQuestion, ...]]:
     """Returns the inclusion questions that each participant answered, by participant number."""
-    return {row.participant: design_from_row(row).inclusion for row in store.designs() if row.session is None}
+    return {
+        row.participant: design_from_row(row).inclusion
+        for row in store.stored_designs()
+        if row.session is None
+    }
 
 
 def _stored(store: Store) -> dict[int, StoredDesign]:
-    return {row.session: row for row in store.designs() if row.session is not None}
+    return {row.session: row for row in store.stored_designs() if row.session is not None}
 
 
 def _sessions(store: Store, participant: Participant) -> Iterator[tuple[StudySession, list[TrialAttempt]]]:
@@ -275,20 +279,20 @@ def _recorded(
     """
     design = store.design if stored is None else design_from_row(stored)
     wordings = None if stored is None else stored.wordings
-    translate = translator(store, participant.language or design.languages[0], wordings)
+    translate = sentence_translator(store, participant.language or design.languages[0], wordings)
     trials = {trial.id: trial for trial in store.trials(participant.pseudonym)}
-    configurations = list[tuple[Trial, Configuration]]()
+    configurations = list[tuple[Trial, TrialConfiguration]]()
     for attempt in attempts:
         with suppress(OSError, RecordingError, StudyError, KeyError):  # other checks report it
             configurations.append(
-                (trials[attempt.trial], read_header(store.path(attempt.recording)).configuration)
+                (trials[attempt.trial], read_header(store.absolute_path(attempt.recording)).configuration)
             )
     if stored is None:
         for each in configurations:
-            design = design_as_recorded(design, *each, translate)
+            design = design_from_recording(design, *each, translate)
     found: dict[bytes, tuple[Design, set[int]]] = {}
     for trial, configuration in configurations:
-        recorded = design_as_recorded(design, trial, configuration, translate)
+        recorded = design_from_recording(design, trial, configuration, translate)
         found.setdefault(_content(recorded), (recorded, set()))[1].add(trial.position)
     if stored is not None and not found:
         found[b""] = design, set[int]()

@@ -3,11 +3,11 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from avrgym.study.storage.answers import sessions_of_visit
+from avrgym.study.storage.answers import session_ids_of_visit
 from avrgym.study.storage.rows import StudyEvent, StudySession, participant_number, pseudonym_of
-from avrgym.study.storage.store import Store, find_all
+from avrgym.study.storage.store import Store, find_rows
 
-HEADSET_USED, BREAK_BEGUN = "headset used", "break begun"
+HEADSET_TIME_EVENT, BREAK_START_EVENT = "headset used", "break begun"
 """Names of the events for a time in VR, and for the start of a break."""
 
 
@@ -36,7 +36,7 @@ def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
             session.state,
             completed.count(session.id),
             _headset_s(events, {session.id}) / 60.0,
-            sum(event.session == session.id and event.name == BREAK_BEGUN for event in events),
+            sum(event.session == session.id and event.name == BREAK_START_EVENT for event in events),
         )
         for session in store.sessions(pseudonym)
     ]
@@ -47,16 +47,16 @@ def earlier_headset_s(store: Store, session: StudySession) -> float:
     pseudonym = pseudonym_of(session.participant)
     sessions = store.sessions(pseudonym)
     return _headset_s(
-        _events_of(store, pseudonym), set(sessions_of_visit(sessions, session.id)) - {session.id}
+        _events_of(store, pseudonym), set(session_ids_of_visit(sessions, session.id)) - {session.id}
     )
 
 
 def _events_of(store: Store, pseudonym: str) -> list[StudyEvent]:
     """Returns the events of a participant, in the order of storage."""
-    with store.database.read() as connection:
-        return find_all(connection, StudyEvent, participant=participant_number(pseudonym))
+    with store.database.read_transaction() as connection:
+        return find_rows(connection, StudyEvent, participant=participant_number(pseudonym))
 
 
 def _headset_s(events: Iterable[StudyEvent], sessions: set[int]) -> float:
-    used = [event for event in events if event.session in sessions and event.name == HEADSET_USED]
+    used = [event for event in events if event.session in sessions and event.name == HEADSET_TIME_EVENT]
     return sum(float(event.detail.removeprefix("seconds ")) for event in used)

@@ -9,24 +9,24 @@ from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.schema import AttemptEnd
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.answers import has_open_questionnaire
-from avrgym.study.storage.attempts import NO_METRICS, finish_attempt, finished_metrics
+from avrgym.study.storage.attempts import EMPTY_METRICS, recover_attempt_metrics, store_attempt_end
 from avrgym.study.storage.rows import Participant, StudySession, Trial, TrialAttempt
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import (
     Store,
     change_state,
-    find,
-    find_all,
+    event_subject,
     find_open_session,
     find_participant,
+    find_row,
+    find_rows,
     find_session,
     find_trial,
     record_event,
     store_design,
-    subject_of,
 )
-from avrgym.system.processes import is_running
+from avrgym.system.processes import is_process_running
 from avrgym.vr.headset_check import measurement_text, result_text
 
 
@@ -44,14 +44,14 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
     Raises:
         StudyError: if the participant is not allocated, must consent again, or has a running session.
     """
-    with store.write() as connection:
+    with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != "allocated" or participant.consented_at is None:
             raise StudyError(
                 f"{participant} is {participant.state}; only allocated participants can have sessions"
             )
-        check_consent(store, participant)
-        own = find_all(connection, StudySession, participant=participant.number)
+        check_consent_version(store, participant)
+        own = find_rows(connection, StudySession, participant=participant.number)
         for session in own:
             if session.state == "open" and not take_over and may_be_running(store, session):
                 raise StudyError(
@@ -61,7 +61,7 @@ def open_session(store: Store, pseudonym: str, *, take_over: bool = False) -> St
         return _insert_session(store, connection, participant, len(own) + 1)
 
 
-def check_consent(store: Store, participant: Participant) -> None:
+def check_consent_version(store: Store, participant: Participant) -> None:
     """Raises ``StudyError`` if the participant must first agree to the current version of the consent text."""
     present = store.design.consent.version
     if participant.must_reconsent(present):
@@ -76,43 +76,43 @@ def close_session(store: Store, session_id: int) -> None:
 
     If all trials and questionnaires are completed, the participant becomes completed.
     """
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_session(connection, session_id)
         _end_session(store, connection, session, attempts="interrupted", after="closed")
-        participant = find(connection, Participant, "participant", number=session.participant)
-        if participant.state == "allocated" and has_finished(store, connection, participant):
+        participant = find_row(connection, Participant, "participant", number=session.participant)
+        if participant.state == "allocated" and has_completed_study(store, connection, participant):
             change_state(connection, participant, "completed", {"participant": participant.number})
 
 
-def has_finished(store: Store, connection: sa.Connection, participant: Participant) -> bool:
+def has_completed_study(store: Store, connection: sa.Connection, participant: Participant) -> bool:
     """Returns whether a participant has completed all trials and questionnaires."""
-    trials = find_all(connection, Trial, participant=participant.number)
+    trials = find_rows(connection, Trial, participant=participant.number)
     completed = all(trial.state == "completed" for trial in trials)
     return completed and not _is_any_open(store, connection, trials)
 
 
 def _is_any_open(store: Store, connection: sa.Connection, trials: list[Trial]) -> bool:
-    attempts = [each for trial in trials for each in find_all(connection, TrialAttempt, trial=trial.id)]
+    attempts = [each for trial in trials for each in find_rows(connection, TrialAttempt, trial=trial.id)]
     return any(has_open_questionnaire(store, connection, attempt) for attempt in attempts)
 
 
 def skip_trial(store: Store, session_id: int, position: int) -> None:
     """Move a planned trial to the end of the participant's remaining trials."""
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
         trial = find_trial(connection, session, position)
-        change_state(connection, trial, "skipped", subject_of(session), f"trial {position}")
+        change_state(connection, trial, "skipped", event_subject(session), f"trial {position}")
 
 
 def record_session_event(
     store: Store, session_id: int, name: str, detail: str = "", attempt_id: int | None = None
 ) -> None:
     """Store an event of a session, such as a lost connection."""
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_session(connection, session_id)
-        event = subject_of(session)
+        event = event_subject(session)
         if attempt_id is not None:
-            attempt = find(
+            attempt = find_row(
                 connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id, session=session_id
             )
             event["attempt"] = attempt.id
@@ -121,11 +121,13 @@ def record_session_event(
 
 def store_headset_check(store: Store, session_id: int, check: HeadsetCheck) -> None:
     """Store the result of a headset check in the session's row and as an event. The row has only the latest result."""
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
-        hash_chain.update(connection, schema.SESSION, session.id, headset_check=msgspec.to_builtins(check))
+        hash_chain.update(
+            connection, schema.SESSION_TABLE, session.id, headset_check=msgspec.to_builtins(check)
+        )
         detail = f"{result_text(check)} {measurement_text(check)}"
-        record_event(connection, "headset checked", detail, subject_of(session))
+        record_event(connection, "headset checked", detail, event_subject(session))
 
 
 def end_open_sessions(
@@ -136,7 +138,7 @@ def end_open_sessions(
     ``sessions`` and ``attempts``: the new states. If ``attempts`` is ``interrupted``, an attempt becomes completed if
     the robot had finished.
     """
-    for session in find_all(connection, StudySession, participant=participant.number, state="open"):
+    for session in find_rows(connection, StudySession, participant=participant.number, state="open"):
         _end_session(store, connection, session, attempts=attempts, after=sessions)
 
 
@@ -145,7 +147,7 @@ def may_be_running(store: Store, session: StudySession) -> bool:
 
     The result is ``True`` for a process at another station, and ``False`` in a merged study.
     """
-    return not store.sites() and (session.station != store.station or is_running(session.process))
+    return not store.sites() and (session.station != store.station or is_process_running(session.process))
 
 
 def _insert_session(
@@ -157,11 +159,11 @@ def _insert_session(
         "state": "open",
         "station": store.station,
         "process": os.getpid(),
-        "opened_at": now(),
+        "opened_at": utc_timestamp(),
     }
-    session = find_session(connection, hash_chain.insert(connection, schema.SESSION, **row))
-    record_event(connection, "session open", session.name, subject_of(session))
-    store_design(store, connection, subject_of(session))
+    session = find_session(connection, hash_chain.insert(connection, schema.SESSION_TABLE, **row))
+    record_event(connection, "session open", session.name, event_subject(session))
+    store_design(store, connection, event_subject(session))
     return session
 
 
@@ -172,11 +174,13 @@ def _end_session(
 
     A simulated participant repeats an interrupted trial. Results of a dry run therefore depend only on its seeds.
     """
-    participant = find(connection, Participant, "participant", number=session.participant)
+    participant = find_row(connection, Participant, "participant", number=session.participant)
     writer_ended = not participant.simulated and not may_be_running(store, session)
-    for attempt in find_all(connection, TrialAttempt, session=session.id, state="running"):
+    for attempt in find_rows(connection, TrialAttempt, session=session.id, state="running"):
         closed = attempts == "interrupted"
-        metrics = finished_metrics(store, connection, attempt, writer_ended=writer_ended) if closed else None
+        metrics = (
+            recover_attempt_metrics(store, connection, attempt, writer_ended=writer_ended) if closed else None
+        )
         ended = attempts if metrics is None else "completed"
-        finish_attempt(store, connection, attempt, ended, metrics or NO_METRICS, closed=closed)
-    change_state(connection, session, after, subject_of(session), closed_at=now())
+        store_attempt_end(store, connection, attempt, ended, metrics or EMPTY_METRICS, closed=closed)
+    change_state(connection, session, after, event_subject(session), closed_at=utc_timestamp())

@@ -16,14 +16,14 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from avrgym.system.files import (
-    PRIVATE_FILE,
+    PRIVATE_FILE_MODE,
     make_private_folder,
     private_opener,
     user_data_folder,
     write_atomically,
 )
 
-KEY = "signing-key.pem"
+SIGNING_KEY_FILE = "signing-key.pem"
 """File name of the signing key, in the user's data folder."""
 _STUDIES = "studies"
 
@@ -39,7 +39,7 @@ class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
     digest: str
 
 
-def user_key() -> Ed25519PrivateKey | None:
+def load_signing_key() -> Ed25519PrivateKey | None:
     """Returns the user's signing key; ``None`` if it cannot be read or written. A missing key is created."""
     try:
         return _key_in(user_data_folder())
@@ -49,7 +49,7 @@ def user_key() -> Ed25519PrivateKey | None:
 
 @cache
 def _key_in(folder: Path) -> Ed25519PrivateKey:
-    path = folder / KEY
+    path = folder / SIGNING_KEY_FILE
     if not path.exists():
         _make_key(path)
     key = serialization.load_pem_private_key(path.read_bytes(), password=None)
@@ -79,7 +79,7 @@ def public_key(key: Ed25519PrivateKey) -> str:
     return key.public_key().public_bytes_raw().hex()
 
 
-def is_signed(public: str, signature: str, text: str) -> bool:
+def is_signature_valid(public: str, signature: str, text: str) -> bool:
     """Returns whether the signature of a text is valid for a public key."""
     try:
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(public))
@@ -95,10 +95,10 @@ def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
-        write_atomically(path, msgspec.json.encode(known), PRIVATE_FILE)
+        write_atomically(path, msgspec.json.encode(known), PRIVATE_FILE_MODE)
 
 
-def last_entry(folder: Path) -> LastEntry | None:
+def read_last_entry(folder: Path) -> LastEntry | None:
     """Returns the stored last entry of the study in a folder; ``None`` if none is stored."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))

@@ -71,13 +71,13 @@ def database_checksum(connection: sa.Connection) -> str:
     return hashlib.sha256(driver.serialize()).hexdigest()
 
 
-def checksum_at_rest(path: Path) -> str:
+def closed_database_checksum(path: Path) -> str:
     """Returns the SHA-256 (hexadecimal) of a closed database. Raises ``sqlite3.Error`` if it cannot be read."""
     with closing(sqlite3.connect(path)) as connection:
         return hashlib.sha256(connection.serialize()).hexdigest()
 
 
-def faults(connection: sa.Connection) -> list[str]:
+def find_faults(connection: sa.Connection) -> list[str]:
     """Returns the errors that SQLite's integrity checks report."""
     found = connection.exec_driver_sql("PRAGMA integrity_check").scalars().all()
     strays = connection.exec_driver_sql("PRAGMA foreign_key_check").all()
@@ -86,7 +86,7 @@ def faults(connection: sa.Connection) -> list[str]:
     ]
 
 
-def erase_traces(path: Path) -> None:
+def erase_deleted_data(path: Path) -> None:
     """Rewrite a database file without the contents of deleted rows.
 
     Raises ``StudyError`` if another process uses the file.
@@ -101,14 +101,14 @@ def erase_traces(path: Path) -> None:
         )
 
 
-def back_up(source: Path, target: Path) -> None:
+def back_up_database(source: Path, target: Path) -> None:
     """Copy a database to a new file. Other processes may use the database during the copy."""
     open(target, "xb", opener=private_opener).close()
     with closing(sqlite3.connect(source)) as old, closing(sqlite3.connect(target)) as new:
         old.backup(new)
 
 
-def copy_at_rest(source: Path, folder: Path) -> None:
+def copy_closed_database(source: Path, folder: Path) -> None:
     """Copy a closed database and its write-ahead log into a folder."""
     for path in (source, source.with_name(source.name + _LOG)):
         if path.exists():

@@ -7,36 +7,36 @@ from avrgym.recording.schema import ATTEMPT_ENDS
 Transitions = Mapping[str, tuple[str, ...]]
 """Allowed next states, by state."""
 
-UNKNOWN = "unknown"
+UNKNOWN_PARTICIPATION = "unknown"
 """State of a participant after the loss of the database: consent and withdrawal are unknown."""
 
-PARTICIPANT: Transitions = {
+PARTICIPANT_TRANSITIONS: Transitions = {
     "enrolled": ("consented", "withdrawn"),
     "consented": ("allocated", "excluded", "withdrawn"),
     "allocated": ("completed", "withdrawn"),
     "completed": ("withdrawn",),
-    UNKNOWN: ("allocated", "completed", "withdrawn"),
+    UNKNOWN_PARTICIPATION: ("allocated", "completed", "withdrawn"),
     "excluded": (),
     "withdrawn": (),
 }
-SESSION: Transitions = {"open": ("closed", "interrupted"), "closed": (), "interrupted": ()}
-TRIAL: Transitions = {
+SESSION_TRANSITIONS: Transitions = {"open": ("closed", "interrupted"), "closed": (), "interrupted": ()}
+TRIAL_TRANSITIONS: Transitions = {
     "planned": ("running", "skipped"),
     "skipped": ("running",),
     "running": ("planned", "completed"),
     "completed": (),
 }
-ATTEMPT: Transitions = {"running": ATTEMPT_ENDS} | dict.fromkeys(ATTEMPT_ENDS, ())
+ATTEMPT_TRANSITIONS: Transitions = {"running": ATTEMPT_ENDS} | dict.fromkeys(ATTEMPT_ENDS, ())
 
 TRANSITIONS: Mapping[str, Transitions] = {
-    "participant": PARTICIPANT,
-    "session": SESSION,
-    "trial": TRIAL,
-    "attempt": ATTEMPT,
+    "participant": PARTICIPANT_TRANSITIONS,
+    "session": SESSION_TRANSITIONS,
+    "trial": TRIAL_TRANSITIONS,
+    "attempt": ATTEMPT_TRANSITIONS,
 }
 """Allowed next states of each state, by table."""
 
-PARTICIPATING = ("allocated", "completed")
+PARTICIPATING_STATES = ("allocated", "completed")
 """States of participants with an allocated trial order. They are counted when the next order is allocated."""
 
 

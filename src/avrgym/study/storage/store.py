@@ -11,63 +11,63 @@ from typing import Any, Self, TypeVar, get_type_hints
 import msgspec
 import sqlalchemy as sa
 
-from avrgym.policies.names import OPERATOR
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.policies.onnx import ONNX_SUFFIX
-from avrgym.policies.registry import named_policies
-from avrgym.policies.trained import FILE_SUFFIX, PolicyError
-from avrgym.study.design.comparison import design_to_dict, read_wordings
-from avrgym.study.design.design import FILE, Design, default_text, read_design
+from avrgym.policies.registry import policy_names
+from avrgym.policies.trained import POLICY_FILE_SUFFIX, PolicyError
+from avrgym.study.design.comparison import design_to_dict, read_design_texts
+from avrgym.study.design.design import FILE, Design, default_design_text, read_design
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
 from avrgym.study.storage.database import Database, database_url
+from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, ParticipationEntries
 from avrgym.study.storage.participation import FILE as PARTICIPATION
-from avrgym.study.storage.participation import REBUILT, Participation
 from avrgym.study.storage.rows import (
     RECORDINGS,
-    AdverseEvent,
-    Consent,
+    AdverseEventReport,
+    AuditLogEntry,
+    ConsentRecord,
     ConsentText,
+    DeletedParticipant,
     Experimenter,
+    ExperimenterNote,
     Invitation,
     InvitationUse,
-    LogEntry,
-    Note,
     Participant,
-    ParticipantLink,
     Site,
     StoredDesign,
+    StoredSessionLink,
     StudyAnswer,
     StudyEvent,
     StudySession,
-    Tombstone,
     Trial,
     TrialAttempt,
     participant_number,
 )
-from avrgym.study.storage.schema import now
+from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import TRANSITIONS, StudyError, check_transition
-from avrgym.system.files import make_private_folder, write_new
+from avrgym.system.files import make_private_folder, write_private_file
 from avrgym.tasks.registry import find_environment
 
 Row = TypeVar("Row")
 T = TypeVar("T")
-TABLES: Mapping[type, sa.Table] = {
-    Participant: schema.PARTICIPANT,
-    StudySession: schema.SESSION,
-    StoredDesign: schema.DESIGN,
-    Trial: schema.TRIAL,
-    TrialAttempt: schema.ATTEMPT,
-    StudyAnswer: schema.ANSWER,
-    StudyEvent: schema.EVENT,
-    Note: schema.NOTE,
-    AdverseEvent: schema.ADVERSE_EVENT,
-    ConsentText: schema.CONSENT_TEXT,
-    Consent: schema.CONSENT,
-    ParticipantLink: schema.LINK,
-    Tombstone: schema.TOMBSTONE,
-    Site: schema.SITE,
-    Experimenter: schema.EXPERIMENTER,
-    LogEntry: schema.LOG,
+TABLES_BY_ROW_TYPE: Mapping[type, sa.Table] = {
+    Participant: schema.PARTICIPANT_TABLE,
+    StudySession: schema.SESSION_TABLE,
+    StoredDesign: schema.DESIGN_TABLE,
+    Trial: schema.TRIAL_TABLE,
+    TrialAttempt: schema.ATTEMPT_TABLE,
+    StudyAnswer: schema.ANSWER_TABLE,
+    StudyEvent: schema.EVENT_TABLE,
+    ExperimenterNote: schema.NOTE_TABLE,
+    AdverseEventReport: schema.ADVERSE_EVENT_TABLE,
+    ConsentText: schema.CONSENT_TEXT_TABLE,
+    ConsentRecord: schema.CONSENT_TABLE,
+    StoredSessionLink: schema.LINK_TABLE,
+    DeletedParticipant: schema.TOMBSTONE_TABLE,
+    Site: schema.SITE_TABLE,
+    Experimenter: schema.EXPERIMENTER_TABLE,
+    AuditLogEntry: schema.LOG_TABLE,
     Invitation: schema.INVITATION,
     InvitationUse: schema.INVITATION_USE,
 }
@@ -82,13 +82,13 @@ def create_study(folder: Path) -> Path:
         StudyError: if the folder already contains files of a study. Nothing is changed then.
         OSError: if the file cannot be written.
     """
-    names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.FOLDER)
+    names = (FILE, DATABASE_FILE, PARTICIPATION, RECORDINGS, identity_file.IDENTITY_FOLDER)
     present = [name for name in names if (folder / name).exists()]
     if present:
         raise StudyError(f"{folder} contains {present[0]} already; choose another folder")
     make_private_folder(folder)
     path = folder / FILE
-    write_new(path, default_text())
+    write_private_file(path, default_design_text())
     return path
 
 
@@ -120,10 +120,10 @@ class Store:
         try:
             self._check_protocol()
             if not rebuild:
-                self.database.reconcile()
-            if identity_file.unfinished_files(self.folder) and not self.database.read_only:
-                with self.database.write():  # one writer at a time, for the identity file as well
-                    identity_file.remove_unfinished(self.folder)
+                self.database.reconcile_participation()
+            if identity_file.leftover_identity_files(self.folder) and not self.database.read_only:
+                with self.database.write_transaction():  # one writer at a time, for the identity file as well
+                    identity_file.remove_leftover_files(self.folder)
         except BaseException:
             self.close()
             raise
@@ -139,16 +139,16 @@ class Store:
         self.close()
 
     @contextmanager
-    def write(self) -> Generator[sa.Connection]:
+    def write_transaction(self) -> Generator[sa.Connection]:
         """Context manager: a write transaction. Raises ``StudyError`` in a merged study."""
-        with self.database.write() as connection:
-            if find_all(connection, Site):
+        with self.database.write_transaction() as connection:
+            if find_rows(connection, Site):
                 raise StudyError(
                     f"{self.folder} was merged from sites: change the study of the site, then merge again"
                 )
             yield connection
 
-    def path(self, relative: str) -> Path:
+    def absolute_path(self, relative: str) -> Path:
         """Returns the absolute path of a file in the study.
 
         Raises ``StudyError`` if the path, or the target of a symbolic link, is outside the study's folder.
@@ -166,13 +166,13 @@ class Store:
         Raises:
             PolicyError: if there is neither a file nor a policy with this name.
         """
-        policy = self.design.policy_of(policy)
+        policy = self.design.policy_of_condition(policy)
         task, robot = find_environment(environment)
-        own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, FILE_SUFFIX)]
+        own = [f"{policy}/{task}{robot}{suffix}" for suffix in (ONNX_SUFFIX, POLICY_FILE_SUFFIX)]
         for file in own:
             if (self.folder / file).is_file():
                 return str(self.folder / file)
-        names = [*named_policies(environment), OPERATOR]
+        names = [*policy_names(environment), OPERATOR_POLICY]
         if policy not in names and ":" not in policy:
             raise PolicyError(
                 f"no policy {policy!r} for {environment}; allowed: {', '.join(names)}, MODULE:ATTRIBUTE, "
@@ -186,14 +186,14 @@ class Store:
 
     def participant(self, pseudonym: str) -> Participant:
         """Returns the participant with a pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
-        with self.database.read() as connection:
+        with self.database.read_transaction() as connection:
             return find_participant(connection, pseudonym)
 
     def sessions(self, pseudonym: str) -> list[StudySession]:
         """Returns a participant's sessions, ordered by number."""
         return self._rows(StudySession, participant=participant_number(pseudonym))
 
-    def designs(self) -> list[StoredDesign]:
+    def stored_designs(self) -> list[StoredDesign]:
         """Returns all stored designs: at the start of sessions, and at the inclusion of participants."""
         return self._rows(StoredDesign)
 
@@ -220,71 +220,73 @@ class Store:
         """Returns all events of the study, in the order of storage."""
         return self._rows(StudyEvent)
 
-    def participation(self) -> Participation | None:
+    def participation_list(self) -> ParticipationEntries | None:
         """Returns the contents of the participation list; ``None`` if the file does not exist."""
         return self.database.participation.read()
 
     def rebuilt_at(self) -> str | None:
         """Returns the time of the first rebuild of the database; ``None`` if it was never rebuilt."""
-        return next((event.at for event in self.events() if event.name == REBUILT), None)
+        return next((event.at for event in self.events() if event.name == DATABASE_REBUILT_EVENT), None)
 
-    def notes(self, pseudonym: str) -> list[Note]:
+    def notes(self, pseudonym: str) -> list[ExperimenterNote]:
         """Returns the experimenters' notes about a participant, in the order of storage."""
-        return self._rows(Note, participant=participant_number(pseudonym))
+        return self._rows(ExperimenterNote, participant=participant_number(pseudonym))
 
-    def adverse_events(self, pseudonym: str) -> list[AdverseEvent]:
+    def adverse_event_reports(self, pseudonym: str) -> list[AdverseEventReport]:
         """Returns all reports of a participant's adverse events, in the order of storage."""
-        return self._rows(AdverseEvent, participant=participant_number(pseudonym))
+        return self._rows(AdverseEventReport, participant=participant_number(pseudonym))
 
-    def consents(self, pseudonym: str) -> list[Consent]:
+    def consents(self, pseudonym: str) -> list[ConsentRecord]:
         """Returns all decisions of a participant about consent texts, in the order of storage."""
-        return self._rows(Consent, participant=participant_number(pseudonym))
+        return self._rows(ConsentRecord, participant=participant_number(pseudonym))
 
     def consent_texts(self) -> list[ConsentText]:
         """Returns all stored consent texts, in the order of their first use."""
         return self._rows(ConsentText)
 
-    def tombstones(self) -> list[Tombstone]:
+    def deleted_participants(self) -> list[DeletedParticipant]:
         """Returns the participants whose data were deleted."""
-        return self._rows(Tombstone)
+        return self._rows(DeletedParticipant)
 
-    def log(self) -> list[LogEntry]:
+    def audit_log(self) -> list[AuditLogEntry]:
         """Returns all entries of the audit log, in the order of storage."""
-        return self._rows(LogEntry)
+        return self._rows(AuditLogEntry)
 
     def sites(self) -> list[Site]:
         """Returns the sites of a merged study; empty for a study that is not merged."""
         return self._rows(Site)
 
     def _rows(self, kind: type[Row], **key: int) -> list[Row]:
-        with self.database.read() as connection:
-            return find_all(connection, kind, **key)
+        with self.database.read_transaction() as connection:
+            return find_rows(connection, kind, **key)
 
     def _check_protocol(self) -> None:
         """Store the design fields that determine trial orders.
 
         Raises ``StudyError`` if these fields changed after the first participant was allocated.
         """
-        protocol = self.design.protocol()
-        with self.database.read() as connection:
-            stored = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar()
+        protocol = self.design.fixed_field_values()
+        with self.database.read_transaction() as connection:
+            stored = connection.execute(sa.select(schema.STUDY_TABLE.c.protocol)).scalar()
         if stored != protocol and not (stored is None and self.database.read_only):
-            with self.database.write() as connection:
+            with self.database.write_transaction() as connection:
                 self._change_protocol(connection, protocol)
 
     def _change_protocol(self, connection: sa.Connection, protocol: dict[str, Any]) -> None:
-        stored: dict[str, Any] = connection.execute(sa.select(schema.STUDY.c.protocol)).scalar() or {}
+        stored: dict[str, Any] = connection.execute(sa.select(schema.STUDY_TABLE.c.protocol)).scalar() or {}
         if stored == protocol:
             return
         changed = [name for name in {**stored, **protocol} if stored.get(name) != protocol.get(name)]
-        taken = sa.select(schema.PARTICIPANT.c.number).where(schema.PARTICIPANT.c.cell.is_not(None))
+        taken = sa.select(schema.PARTICIPANT_TABLE.c.number).where(
+            schema.PARTICIPANT_TABLE.c.cell.is_not(None)
+        )
         if stored and connection.execute(taken.limit(1)).first():
             raise StudyError(
                 f"{self.folder / FILE}: {', '.join(changed)} changed after the first participant was allocated; "
                 f"allowed: the earlier value {stored.get(changed[0], {})!r}"
             )
-        hash_chain.delete(connection, schema.STUDY)
-        hash_chain.insert(connection, schema.STUDY, created_at=now(), protocol=protocol)
+        hash_chain.delete(connection, schema.STUDY_TABLE)
+        hash_chain.insert(connection, schema.STUDY_TABLE, created_at=utc_timestamp(), protocol=protocol)
 
 
 def _can_write(folder: Path) -> bool:
@@ -292,12 +294,12 @@ def _can_write(folder: Path) -> bool:
     return os.access(folder, os.W_OK) and (not database.exists() or os.access(database, os.W_OK))
 
 
-def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
+def find_row(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> Row:
     """Returns the first row with the column values ``key``.
 
     Raises ``StudyError`` if no row has these values. ``what``: name of the row in the message.
     """
-    rows = find_all(connection, kind, **key)
+    rows = find_rows(connection, kind, **key)
     if not rows:
         raise StudyError(f"there is no {what} in this study; `avrgym study status` lists its participants")
     return rows[0]
@@ -305,12 +307,12 @@ def find(connection: sa.Connection, kind: type[Row], what: str, **key: int) -> R
 
 def find_participant(connection: sa.Connection, pseudonym: str) -> Participant:
     """Returns the participant with this pseudonym. Raises ``StudyError`` for an unknown pseudonym."""
-    return find(connection, Participant, pseudonym, number=participant_number(pseudonym))
+    return find_row(connection, Participant, pseudonym, number=participant_number(pseudonym))
 
 
 def find_session(connection: sa.Connection, session_id: int) -> StudySession:
     """Returns the session with this id. Raises ``StudyError`` for an unknown id."""
-    return find(connection, StudySession, f"session {session_id}", id=session_id)
+    return find_row(connection, StudySession, f"session {session_id}", id=session_id)
 
 
 def find_open_session(connection: sa.Connection, session_id: int) -> StudySession:
@@ -323,7 +325,7 @@ def find_open_session(connection: sa.Connection, session_id: int) -> StudySessio
 
 def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAttempt:
     """Returns the attempt with this id. Raises ``StudyError`` if it is not running."""
-    attempt = find(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
+    attempt = find_row(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if attempt.state != "running":
         raise StudyError(f"{attempt} is {attempt.state}; it must be running")
     return attempt
@@ -332,15 +334,15 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
 def find_trial(connection: sa.Connection, session: StudySession, position: int) -> Trial:
     """Returns the trial at a position of the trial order of the session's participant."""
     own = {"participant": session.participant, "position": position}
-    return find(connection, Trial, f"trial {position}", **own)
+    return find_row(connection, Trial, f"trial {position}", **own)
 
 
-def find_all(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
+def find_rows(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
     """Returns all rows with the column values ``key``, ordered by primary key.
 
     Raises ``StudyError`` if a row is damaged.
     """
-    table = TABLES[kind]
+    table = TABLES_BY_ROW_TYPE[kind]
     names = _columns(kind)
     query = sa.select(*(table.c[name] for name in names))
     query = query.where(*(table.c[name] == value for name, value in key.items()))
@@ -379,7 +381,7 @@ def change_state(
     Raises:
         StudyError: if the transition is not allowed.
     """
-    table = TABLES[type(row)]
+    table = TABLES_BY_ROW_TYPE[type(row)]
     key = getattr(row, hash_chain.primary_key(table).name)
     own = hash_chain.primary_key(table) == key
     before = connection.execute(sa.select(table.c.state).where(own)).scalar_one()
@@ -388,7 +390,7 @@ def change_state(
     record_event(connection, f"{table.name} {after}", detail, subject)
 
 
-def subject_of(session: StudySession) -> dict[str, int]:
+def event_subject(session: StudySession) -> dict[str, int]:
     """Returns the ids of participant and session for an event in a session."""
     return {"participant": session.participant, "session": session.id}
 
@@ -397,20 +399,20 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
     """Store the current design. ``subject``: ids of the participant, and of the session that starts."""
     hash_chain.insert(
         connection,
-        schema.DESIGN,
-        stored_at=now(),
+        schema.DESIGN_TABLE,
+        stored_at=utc_timestamp(),
         design=design_to_dict(store.design),
-        wordings=read_wordings(store.design, store.folder),
+        wordings=read_design_texts(store.design, store.folder),
         **subject,
     )
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
     """Store an event. ``subject``: ids of participant, session and attempt, as far as the event has them."""
-    hash_chain.insert(connection, schema.EVENT, at=now(), name=name, detail=detail, **subject)
+    hash_chain.insert(connection, schema.EVENT_TABLE, at=utc_timestamp(), name=name, detail=detail, **subject)
 
 
-def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | None:
+def latest_event_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | None:
     """Returns the value in a participant's latest event with this name; ``None`` without such an event.
 
     ``kind``: type of the value, which the event stores as JSON.
@@ -418,8 +420,8 @@ def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | 
     Raises:
         StudyError: if the stored value is damaged.
     """
-    with store.database.read() as connection:
-        events = find_all(connection, StudyEvent, participant=participant_number(pseudonym), name=name)
+    with store.database.read_transaction() as connection:
+        events = find_rows(connection, StudyEvent, participant=participant_number(pseudonym), name=name)
     if not events:
         return None
     try:
@@ -430,8 +432,8 @@ def latest_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | 
         ) from error
 
 
-def record_value(connection: sa.Connection, pseudonym: str, name: str, value: msgspec.Struct) -> None:
-    """Store a value as JSON in an event of a participant. ``latest_value`` reads it.
+def record_event_value(connection: sa.Connection, pseudonym: str, name: str, value: msgspec.Struct) -> None:
+    """Store a value as JSON in an event of a participant. ``latest_event_value`` reads it.
 
     Raises:
         StudyError: for an unknown participant.
@@ -443,7 +445,7 @@ def record_value(connection: sa.Connection, pseudonym: str, name: str, value: ms
 
 def _as(kind: type[Row], row: Mapping[str, Any]) -> Row:
     """Returns the row as a dataclass. Raises ``ValueError`` for a value of a wrong type or an unknown state."""
-    state, known = row.get("state"), TRANSITIONS.get(TABLES[kind].name, {})
+    state, known = row.get("state"), TRANSITIONS.get(TABLES_BY_ROW_TYPE[kind].name, {})
     if state is not None and state not in known:
         raise ValueError(f"unknown state {state!r}; allowed: {', '.join(known)}")
     return msgspec.convert(row, kind)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.integrity_files import HEAD
+from avrgym.study.storage.integrity_files import HEAD_FILE
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import ParticipationList
 from avrgym.study.storage.rows import RECORDINGS, participant_number
@@ -14,18 +14,18 @@ from avrgym.study.storage.states import StudyError
 def find_database_traces(folder: Path) -> list[str]:
     """Returns the files and folders that show that the study once had a database."""
     found: list[str] = []
-    if identity_file.named_pseudonyms(folder):
+    if identity_file.pseudonyms_with_identity(folder):
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
-    found += [name for name in (HEAD, PARTICIPATION) if (folder / name).exists()]
+    found += [name for name in (HEAD_FILE, PARTICIPATION) if (folder / name).exists()]
     return found
 
 
-def used_numbers(folder: Path) -> set[int]:
+def used_participant_numbers(folder: Path) -> set[int]:
     """Returns all participant numbers in the identity file, the participation list and the recordings."""
     listed = ParticipationList(folder).read()
-    known = set(_numbers([*identity_file.named_pseudonyms(folder), *_names(folder / RECORDINGS)]))
+    known = set(_numbers([*identity_file.pseudonyms_with_identity(folder), *_names(folder / RECORDINGS)]))
     return known | {each.participant for each in listed.entries if each.participant} if listed else known
 
 

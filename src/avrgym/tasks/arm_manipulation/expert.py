@@ -9,37 +9,38 @@ from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models.furniture.wheelchair import ARMREST_TOP_M
 from avrgym.models.scene import SceneConfig
-from avrgym.simulation.worlds import RightArm, State
+from avrgym.simulation.worlds import RightArmPoses, State
 from avrgym.tasks.arm_manipulation.reward import (
-    ELBOW,
+    ELBOW_INDEX,
     RESTING_X_M,
     ArmManipulationState,
-    lifted_pos_w,
-    upwards_w,
+    forearm_up_direction_w,
+    lifted_point_w,
 )
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s, standoff_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
-TOUCHING_M, BEFORE_M, FREE_M, ALONG_WEIGHT = 0.045, 0.08, 0.025, 0.4
+CONTACT_OFFSET_M, MAX_STANDOFF_M, FREE_LATERAL_OFFSET_M, ALONG_FOREARM_WEIGHT = 0.045, 0.08, 0.025, 0.4
 """Distances of the scooper from the forearm.
 
-In contact, the scooper is ``TOUCHING_M`` below the forearm's axis. Before contact, while its lateral offset exceeds
-``FREE_M``, its target is up to ``BEFORE_M`` lower. ``ALONG_WEIGHT`` is the weight of offsets along the forearm.
+In contact, the scooper is ``CONTACT_OFFSET_M`` below the forearm's axis. Before contact, while its lateral offset
+exceeds ``FREE_LATERAL_OFFSET_M``, its target is up to ``MAX_STANDOFF_M`` lower. ``ALONG_FOREARM_WEIGHT`` is the weight
+of offsets along the forearm.
 """
-CRADLED_M, ON_RIM_M = 0.06, 0.08
+CRADLED_HEIGHT_M, ON_RIM_HEIGHT_M = 0.06, 0.08
 """Heights of the forearm's axis above the scooper.
 
-At ``CRADLED_M`` the forearm is between the rims. At ``ON_RIM_M`` it may be on a rim. Between these heights, the lateral
-motion decreases to zero.
+At ``CRADLED_HEIGHT_M`` the forearm is between the rims. At ``ON_RIM_HEIGHT_M`` it may be on a rim. Between these
+heights, the lateral motion decreases to zero.
 """
-CARRYING_HEIGHT_M = ARMREST_TOP_M + TOUCHING_M + 0.03
+CARRYING_HEIGHT_M = ARMREST_TOP_M + CONTACT_OFFSET_M + 0.03
 """Height of the forearm's axis at which the scooper passes over the armrest."""
 LIFT_TOLERANCE_M = 0.03
 """Maximum distance below the carrying height at which the scooper also moves the forearm to the person's left."""
 INWARD_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
-LIFTING_X_M = RESTING_X_M - 0.145
+MIN_LIFTING_X_M = RESTING_X_M - 0.145
 """Smallest x coordinate of the forearm's lifted point during lifting. The far rim does not touch the armrest there."""
 MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
 """Maximum vertical distance of the target from the forearm, then height of the target above the carrying height.
@@ -48,51 +49,53 @@ The last two values are the maximum and minimum speed of the scooper.
 """
 
 
-def heading_w(scene: SceneConfig) -> FloatArray:
+def handle_direction_w(scene: SceneConfig) -> FloatArray:
     """Returns the direction (3,) of the scooper's handle in the world frame, from the robot's hand to the trough."""
     return np.array([1.0, -0.4, 0.0] if scene.mount.on_floor else [1.0, 0.0, 0.0])
 
 
-def cradling_q_w(arm: RightArm, heading: FloatArray) -> FloatArray:
+def scooper_q_w(arm: RightArmPoses, heading: FloatArray) -> FloatArray:
     """Returns the rotation (N, 4) of a scooper below the forearm, with its handle along ``heading`` (3,)."""
-    z_w = upwards_w(arm)
+    z_w = forearm_up_direction_w(arm)
     ahead = constant_like(heading, z_w)
     x_w = transforms.normalize(ahead - z_w * (z_w * ahead).sum(axis=-1)[:, None])
     return transforms.from_matrix(namespace(z_w).stack([x_w, transforms.cross(z_w, x_w), z_w], axis=-1))
 
 
-def lifting(episodes: RunningEpisodes) -> Controller:
+def make_lifting_expert(episodes: RunningEpisodes) -> Controller:
     """Returns the expert for the robot of these episodes."""
-    return FeedbackExpert(episodes, partial(lift, heading=heading_w(episodes.scene)))
+    return FeedbackExpert(episodes, partial(lifting_target, heading=handle_direction_w(episodes.scene)))
 
 
-def lift(
+def lifting_target(
     state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
 ) -> ToolTarget:
     """Returns the next tool pose and speed: below the forearm, then upwards, then to the person's left."""
-    up_w, lifted_w = upwards_w(state), lifted_pos_w(state)
-    before = standoff_m(_beside_m(state), FREE_M, BEFORE_M)
+    up_w, lifted_w = forearm_up_direction_w(state), lifted_point_w(state)
+    before = standoff_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
     carries = np.clip(1.0 - missing / LIFT_TOLERANCE_M, 0.0, 1.0)
-    goal_w = lifted_w - (TOUCHING_M + before)[:, None] * up_w
+    goal_w = lifted_w - (CONTACT_OFFSET_M + before)[:, None] * up_w
     below = np.clip(1.0 - before / LIFT_TOLERANCE_M, 0.0, 1.0)
     goal_w[:, 2] += below * np.clip(missing + HEIGHT_MARGIN_M, -MAX_VERTICAL_LEAD_M, MAX_VERTICAL_LEAD_M)
-    aim_x = LIFTING_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - LIFTING_X_M)
+    aim_x = MIN_LIFTING_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - MIN_LIFTING_X_M)
     above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
-    cradled = np.clip((ON_RIM_M - above_m) / (ON_RIM_M - CRADLED_M), 0.0, 1.0)
+    cradled = np.clip((ON_RIM_HEIGHT_M - above_m) / (ON_RIM_HEIGHT_M - CRADLED_HEIGHT_M), 0.0, 1.0)
     goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * MAX_VERTICAL_LEAD_M)
-    goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + HEIGHT_MARGIN_M - TOUCHING_M)
+    goal_w[:, 2] = np.minimum(goal_w[:, 2], CARRYING_HEIGHT_M + HEIGHT_MARGIN_M - CONTACT_OFFSET_M)
     speed = np.minimum(speed_m_s(goal_w - state.tool_pos_w, MIN_SPEED_M_S), LIFT_SPEED_M_S)
-    return goal_w, cradling_q_w(state, heading), speed
+    return goal_w, scooper_q_w(state, heading), speed
 
 
 def _beside_m(state: State) -> FloatArray:
     """Returns the distance (N,) of the scooper from the forearm's lifted point, without the component along
-    ``upwards_w``.
+    ``forearm_up_direction_w``.
 
-    Offsets along the forearm have the weight ``ALONG_WEIGHT``, because the scooper slides along the forearm.
+    Offsets along the forearm have the weight ``ALONG_FOREARM_WEIGHT``, because the scooper slides along the forearm.
     """
-    offset = state.tool_pos_w - lifted_pos_w(state)
-    along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW], (0.0, 0.0, 1.0))
-    along, up = ((offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, upwards_w(state)))
-    return transforms.norm(offset - up - (1.0 - ALONG_WEIGHT) * along)
+    offset = state.tool_pos_w - lifted_point_w(state)
+    along_w = transforms.rotate(state.right_arm_q_w[:, ELBOW_INDEX], (0.0, 0.0, 1.0))
+    along, up = (
+        (offset * axis).sum(axis=-1)[:, None] * axis for axis in (along_w, forearm_up_direction_w(state))
+    )
+    return transforms.norm(offset - up - (1.0 - ALONG_FOREARM_WEIGHT) * along)

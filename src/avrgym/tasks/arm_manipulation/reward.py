@@ -21,26 +21,26 @@ from avrgym.models.furniture.wheelchair import (
     ARMREST_X_M,
 )
 from avrgym.models.human import People
-from avrgym.simulation.worlds import RightArm, State
+from avrgym.simulation.worlds import RightArmPoses, State
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
-ELBOW, WRIST = 1, 2
+ELBOW_INDEX, WRIST_INDEX = 1, 2
 UP = np.array([0.0, 0.0, 1.0])
-LIFTED_SHARE = 0.8
+LIFTED_POINT_SHARE = 0.8
 """Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1).
 
 It is near the centre of mass of forearm and hand.
 """
-UPPER_SIDE, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
+UPPER_SIDE_DIRECTION, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
 """Direction that points up on a resting forearm, in the forearm's frame, and its weight relative to the vertical.
 
-See ``upwards_w``.
+See ``forearm_up_direction_w``.
 """
 RESTING_X_M = -ARMREST_X_M
-RESTING_M = 0.03
+RESTING_FOREARM_HEIGHT_M = 0.03
 """Height of a resting forearm's axis above the armrest: the mean of the forearms' radii."""
-SAMPLES = (np.arange(10) + 0.5) / 10.0
+FOREARM_SAMPLE_SHARES = (np.arange(10) + 0.5) / 10.0
 """Sampled points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
 """For success, this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
@@ -81,11 +81,11 @@ def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationS
     share = returned_share(state)
     steps = xp.where(share >= SUCCESS_SHARE, task_state.steps_above + 1, 0)
     succeeded = task_state.succeeded | (steps >= SUCCESS_STEPS)
-    distance = norm(state.tool_pos_w - lifted_pos_w(state))
+    distance = norm(state.tool_pos_w - lifted_point_w(state))
     force_at_arm = state.tool_contact_force_n.sum(axis=-1)
     terms = {
         "distance_m": distance,
-        "arm_to_armrest_m": norm(to_armrest_m(state)),
+        "arm_to_armrest_m": norm(distance_to_armrest_m(state)),
         "returned_share": share,
         "action_squared": (action * action).sum(axis=-1),
         "tool_speed_m_s": norm(state.tool_velocity_w),
@@ -103,44 +103,48 @@ def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationS
     )
 
 
-def along_forearm_w(arm: RightArm, share: FloatArray | float) -> FloatArray:
+def forearm_point_w(arm: RightArmPoses, share: FloatArray | float) -> FloatArray:
     """Returns points on the forearm's axis, from the elbow (0) to the wrist (1); ``share`` broadcasts with (N, 3)."""
-    elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW], arm.right_arm_pos_w[:, WRIST]
+    elbow_w, wrist_w = arm.right_arm_pos_w[:, ELBOW_INDEX], arm.right_arm_pos_w[:, WRIST_INDEX]
     return elbow_w + share * (wrist_w - elbow_w)
 
 
-def lifted_pos_w(arm: RightArm) -> FloatArray:
+def lifted_point_w(arm: RightArmPoses) -> FloatArray:
     """Returns the point (N, 3) of the forearm's axis that the scooper lifts; world frame."""
-    return along_forearm_w(arm, LIFTED_SHARE)
+    return forearm_point_w(arm, LIFTED_POINT_SHARE)
 
 
-def upwards_w(arm: RightArm) -> FloatArray:
+def forearm_up_direction_w(arm: RightArmPoses) -> FloatArray:
     """Returns unit vectors (N, 3) that point up and are perpendicular to the forearms; world frame.
 
     They are defined for vertical forearms as well.
     """
-    q_w = arm.right_arm_q_w[:, ELBOW]
-    up_w = constant_like(UP, q_w) + UPPER_SIDE_WEIGHT * transforms.rotate(q_w, constant_like(UPPER_SIDE, q_w))
+    q_w = arm.right_arm_q_w[:, ELBOW_INDEX]
+    up_w = constant_like(UP, q_w) + UPPER_SIDE_WEIGHT * transforms.rotate(
+        q_w, constant_like(UPPER_SIDE_DIRECTION, q_w)
+    )
     along_w = transforms.rotate(q_w, constant_like(UP, q_w))
     return transforms.normalize(up_w - along_w * (up_w * along_w).sum(axis=-1)[:, None])
 
 
-def to_armrest_m(arm: RightArm) -> FloatArray:
+def distance_to_armrest_m(arm: RightArmPoses) -> FloatArray:
     """Returns the distances (N, 2) of the lifted point from its rest position: to the person's left, and up.
 
     A distance is 0 if the point has passed the rest position in this direction.
     """
-    pos_w = lifted_pos_w(arm)
+    pos_w = lifted_point_w(arm)
     xp = namespace(pos_w)
-    way = xp.stack([RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_M - pos_w[:, 2]], axis=-1)
+    way = xp.stack(
+        [RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M - pos_w[:, 2]], axis=-1
+    )
     return xp.maximum(way, xp.zeros_like(way))
 
 
-def returned_share(arm: RightArm) -> FloatArray:
+def returned_share(arm: RightArmPoses) -> FloatArray:
     """Returns the share (N,) of the forearm's length that is above the armrest, or above the seat next to it."""
     xp = namespace(arm.right_arm_pos_w)
-    above = [_is_above(along_forearm_w(arm, float(share))) for share in SAMPLES]
-    return xp.stack(above, axis=-1).sum(axis=-1) / float(len(SAMPLES))
+    above = [_is_above(forearm_point_w(arm, float(share))) for share in FOREARM_SAMPLE_SHARES]
+    return xp.stack(above, axis=-1).sum(axis=-1) / float(len(FOREARM_SAMPLE_SHARES))
 
 
 def _is_above(pos_w: FloatArray) -> BoolArray:

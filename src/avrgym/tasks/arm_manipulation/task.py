@@ -11,32 +11,38 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scooper import SCOOPER
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import RightArm, Start
+from avrgym.simulation.worlds import InitialState, RightArmPoses
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
-from avrgym.tasks.arm_manipulation.expert import BEFORE_M, TOUCHING_M, cradling_q_w, heading_w, lifting
+from avrgym.tasks.arm_manipulation.expert import (
+    CONTACT_OFFSET_M,
+    MAX_STANDOFF_M,
+    handle_direction_w,
+    make_lifting_expert,
+    scooper_q_w,
+)
 from avrgym.tasks.arm_manipulation.reward import (
-    RESTING_M,
+    RESTING_FOREARM_HEIGHT_M,
     RESTING_X_M,
     WEIGHTS,
     evaluate_step,
+    forearm_up_direction_w,
     init_state,
-    lifted_pos_w,
-    upwards_w,
+    lifted_point_w,
 )
 from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD
 from avrgym.tasks.task import Task, View, Views
 
-POSE = Pose(
-    rest_rad=human.joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
+INITIAL_POSE = Pose(
+    rest_rad=human.seated_joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
     spread_rad=0.5 * ARM_SPREAD_RAD,
 )
 """Seated, the upper arm outside the armrest, the forearm hanging down; each joint of the arm within ±5°.
 
 With less abduction, the arms of short people overlap the armrest, and the hand is close to a mounted robot.
 """
-LIMP_STRENGTH_SHARE = {
+LIMP_ARM_STRENGTH_SHARES = {
     **{joint: 0.03 for joint in JOINTS if joint.startswith("right_")},
     "right_shoulder_y": 0.005,
     "right_elbow_x": 0.015,
@@ -46,7 +52,7 @@ LIMP_STRENGTH_SHARE = {
 The model compensates gravity. Instead of the arm's weight, these torques resist the lift: 0.75 N m at the elbow. The
 shoulder resists a swing of the upper arm with 1.8 N m, and its lowering to the body with 0.3 N m.
 """
-START_SPREAD_M, BESIDE_WHEEL_X_M = 0.03, -0.44
+MAX_START_OFFSET_M, MAX_START_X_M = 0.03, -0.44
 """Maximum random offset of the scooper at the start, and largest x coordinate before this offset is added.
 
 There the scooper does not touch the wheel.
@@ -62,20 +68,25 @@ def scene(robot: Robot) -> SceneConfig:
     return placement.wheelchair_scene(robot, "left", SCOOPER, (0.0, 0.0))
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the scooper within ±3 cm of a point below the forearm.
 
     The base search has two goals: tool poses on the path of the forearm to the armrest.
     """
     xp = namespace(uniforms)
-    pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM)
-    arm = RightArm(*(xp.stack([part[name] for name in human.RIGHT_ARM], axis=1) for part in (pos_w, q_w)))
-    lifted_w, up_w = lifted_pos_w(arm), upwards_w(arm)
-    height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_M + RESTING_M - TOUCHING_M)
-    spread_m = START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
-    tool_w, tool_q_w = lifted_w - (TOUCHING_M + BEFORE_M) * up_w, cradling_q_w(arm, heading_w(scene))
+    pos_w, q_w = human.body_frames(people, scene.posture, human.RIGHT_ARM_BODIES)
+    arm = RightArmPoses(
+        *(xp.stack([part[name] for name in human.RIGHT_ARM_BODIES], axis=1) for part in (pos_w, q_w))
+    )
+    lifted_w, up_w = lifted_point_w(arm), forearm_up_direction_w(arm)
+    height = xp.full_like(lifted_w[:, 0], ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M - CONTACT_OFFSET_M)
+    spread_m = MAX_START_OFFSET_M * (2.0 * uniforms[:, :3] - 1.0)
+    tool_w, tool_q_w = (
+        lifted_w - (CONTACT_OFFSET_M + MAX_STANDOFF_M) * up_w,
+        scooper_q_w(arm, handle_direction_w(scene)),
+    )
     tool_w = spread_m + xp.stack(
-        [xp.minimum(tool_w[:, 0], 0.0 * height + BESIDE_WHEEL_X_M), tool_w[:, 1], tool_w[:, 2]], axis=-1
+        [xp.minimum(tool_w[:, 0], 0.0 * height + MAX_START_X_M), tool_w[:, 1], tool_w[:, 2]], axis=-1
     )
     over_armrest = xp.full_like(height, RESTING_X_M)
     goals_w = xp.stack(
@@ -92,8 +103,10 @@ def observation(scene: SceneConfig) -> Observation:
         (
             seen.TOOL_FROM_ROBOT,
             seen.TOOL_ROTATION,
-            goal_offset_entry("tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_pos_w(state)),
-            position_entry("across_forearm", lambda state, _: upwards_w(state)),
+            goal_offset_entry(
+                "tool_from_forearm_m", lambda state, _: state.tool_pos_w - lifted_point_w(state)
+            ),
+            position_entry("across_forearm", lambda state, _: forearm_up_direction_w(state)),
             seen.joint_positions(scene),
             *seen.RIGHT_ARM_FROM_ROBOT,
             seen.TOOL_FORCE,
@@ -104,9 +117,9 @@ def observation(scene: SceneConfig) -> Observation:
 ARM_MANIPULATION = Task(
     name="ArmManipulation",
     goal="Get your right arm lifted back onto the armrest.",
-    pose=POSE,
+    pose=INITIAL_POSE,
     offered="arm",
-    strength_share=LIMP_STRENGTH_SHARE,
+    strength_share=LIMP_ARM_STRENGTH_SHARES,
     scene=scene,
     num_uniforms=3 + placement.NUM_UNIFORMS,
     start=start,
@@ -114,8 +127,8 @@ ARM_MANIPULATION = Task(
     observation=observation,
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
-    expert=lifting,
-    feedback_expert=lifting,
+    expert=make_lifting_expert,
+    feedback_expert=make_lifting_expert,
     views=Views(
         mounted=View((-0.30, -0.15, 0.75), 1.75, 62.0, -20.0),
         on_floor=View((-0.35, -0.20, 0.80), 2.1, 100.0, -20.0),

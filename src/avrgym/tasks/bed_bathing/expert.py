@@ -8,7 +8,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
-from avrgym.tasks.bed_bathing.reward import LIMB_GEOMS, is_wiped
+from avrgym.tasks.bed_bathing.reward import LIMB_GEOM_INDICES, are_enough_markers_wiped
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes
 
@@ -30,7 +30,7 @@ other end.
 """
 MIN_SWEEPS = 4
 """Minimum number of sweeps. More sweeps follow until enough markers are wiped."""
-APPROACH, TOUCH, WIPE, LIFT, REST = range(5)
+APPROACH_PHASE, TOUCH_PHASE, WIPE_PHASE, LIFT_PHASE, REST_PHASE = range(5)
 
 END_MARGIN_M = 0.065
 """Minimum distance of the cloth's middle from the limb's ends. The cloth then does not touch the next limb."""
@@ -40,7 +40,7 @@ TARGET_FORCE_N, MAX_FORCE_N, CONTACT_FORCE_N = 5.0, 15.0, 1.0
 DEPTH_GAIN_M_N = 0.0003
 DEPTH_RANGE_M = (-0.015, 0.03)
 ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
-METRES_PER_RADIAN = 0.1
+ROTATION_WEIGHT_M = 0.1
 MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
@@ -62,10 +62,10 @@ class BedBathingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         state, sweep, phase = self._episodes.state(), self._sweep, self._phase
         self._press(state)
-        share = np.where(phase <= TOUCH, self._first[sweep], self._last[sweep])
-        above = np.where((phase == APPROACH) | (phase >= LIFT), LIFT_M, -self._depth_m)
+        share = np.where(phase <= TOUCH_PHASE, self._first[sweep], self._last[sweep])
+        above = np.where((phase == APPROACH_PHASE) | (phase >= LIFT_PHASE), LIFT_M, -self._depth_m)
         pos_w, q_w = cloth_pose(state, self._limb[sweep], self._angle[sweep], share, above)
-        speed = np.where(phase == APPROACH, CARRY_SPEED_M_S, WIPE_SPEED_M_S)
+        speed = np.where(phase == APPROACH_PHASE, CARRY_SPEED_M_S, WIPE_SPEED_M_S)
         speed = speed * np.clip(2.0 - state.tool_force_n / MAX_FORCE_N, 0.2, 1.0)
         action = self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         self._advance(state, pos_w, q_w)
@@ -73,20 +73,22 @@ class BedBathingExpert:
 
     def _press(self, state: State) -> None:
         deeper = self._depth_m + DEPTH_GAIN_M_N * (TARGET_FORCE_N - state.tool_force_n)
-        self._depth_m = np.where(self._phase == WIPE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
+        self._depth_m = np.where(self._phase == WIPE_PHASE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
         """Begin the next phase on arrival, or if wiping is stuck. After lifting, begin the next sweep."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
-        arrived = np.where(self._phase == TOUCH, state.tool_force_n > CONTACT_FORCE_N, arrived)
-        stuck = self._is_stuck(away + METRES_PER_RADIAN * turn)
+        arrived = np.where(self._phase == TOUCH_PHASE, state.tool_force_n > CONTACT_FORCE_N, arrived)
+        stuck = self._is_stuck(away + ROTATION_WEIGHT_M * turn)
         self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
-        on = arrived | (stuck & (self._phase == WIPE))
-        over = ((on & (self._phase == LIFT)) | (stuck & ~on)) & (self._phase != REST)
-        planned = np.where(is_wiped(self._episodes.task_state), MIN_SWEEPS, len(SWEEPS))
+        on = arrived | (stuck & (self._phase == WIPE_PHASE))
+        over = ((on & (self._phase == LIFT_PHASE)) | (stuck & ~on)) & (self._phase != REST_PHASE)
+        planned = np.where(are_enough_markers_wiped(self._episodes.task_state), MIN_SWEEPS, len(SWEEPS))
         rests = over & (self._sweep + 1 >= planned)
-        self._phase = np.where(over, np.where(rests, REST, APPROACH), np.minimum(self._phase + on, REST))
+        self._phase = np.where(
+            over, np.where(rests, REST_PHASE, APPROACH_PHASE), np.minimum(self._phase + on, REST_PHASE)
+        )
         self._sweep = self._sweep + (over & ~rests)
 
     def _is_stuck(self, left_m: FloatArray) -> BoolArray:
@@ -134,7 +136,7 @@ class LimbFrame(NamedTuple):
 
 def limb_frame(state: State, limb: IntArray) -> LimbFrame:
     """Returns the frames of the limbs ``limb`` (N,) in N worlds: 0 for the upper arm, 1 for the forearm."""
-    world, geom = np.arange(len(limb)), np.array(LIMB_GEOMS)[limb]
+    world, geom = np.arange(len(limb)), np.array(LIMB_GEOM_INDICES)[limb]
     end_w, start_w = state.person_segment_w[world, geom].swapaxes(0, 1)
     length_m = norm(end_w - start_w)
     along_w = (end_w - start_w) / length_m[:, None]

@@ -25,21 +25,21 @@ from avrgym.tasks.experts.feedback import ToolTarget, funnel_standoff_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
-TOP_RAD = np.radians(12.0)
+TOP_PASS_ANGLE_RAD = np.radians(12.0)
 """Angle around the arm of the motion towards the hand, from the arm's top outwards."""
-SIDE_RAD = np.radians(75.0)
+SIDE_PASS_ANGLE_RAD = np.radians(75.0)
 """Angle around the arm of the motion back to the shoulder, from the arm's top outwards."""
-BORDER_RAD = np.radians(43.0)
+PASS_BORDER_ANGLE_RAD = np.radians(43.0)
 """Angle around the arm between the motion towards the hand and the motion back."""
-ELBOW_BORDER_RAD = np.radians(22.0)
-"""``BORDER_RAD`` at the elbow, where the cloth is tilted."""
+ELBOW_BORDER_ANGLE_RAD = np.radians(22.0)
+"""``PASS_BORDER_ANGLE_RAD`` at the elbow, where the cloth is tilted."""
 BORDER_WIDTH_RAD = 0.1
 """Width of the transition between the two motions."""
 TURN_BACK_POSITION = 2.9
 """Position along the arm at which the cloth turns back."""
 TURN_BACK_WIDTH = 0.08
 """Width of this transition, in positions along the arm."""
-LOOKAHEAD = 0.3
+LOOKAHEAD_DISTANCE = 0.3
 """Distance from the cloth to its target, in positions along the arm."""
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the arm from the cloth to its target."""
@@ -47,7 +47,7 @@ APPROACH_HEIGHT_M = 0.045
 """Height above the skin above which the cloth approaches the arm."""
 APPROACH_END_HEIGHT_M = 0.02
 """Height above the skin at which the approach ends."""
-LIFT_M = 0.03
+ELBOW_LIFT_HEIGHT_M = 0.03
 """Height of the cloth above the skin at the elbow."""
 MAX_ADVANCE_HEIGHT_M = 0.01
 """Height above the skin below which the cloth moves along the arm."""
@@ -57,7 +57,7 @@ DEPTH_GAIN_M_N = 0.0003
 """Depth step per newton of force error."""
 MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
 """Limits of the depth step."""
-NO_CONTACT_STEP_M = 0.006
+NO_CONTACT_DEPTH_STEP_M = 0.006
 """Depth step without contact."""
 HEIGHT_RANGE_M = (-0.03, 0.01)
 """Range of the target's height above the skin."""
@@ -68,25 +68,27 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
     along, angle, above_m = _on_arm(state)
     away = above_m > APPROACH_HEIGHT_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
-    border = BORDER_RAD + (ELBOW_BORDER_RAD - BORDER_RAD) * np.sqrt(elbow)
+    border = PASS_BORDER_ANGLE_RAD + (ELBOW_BORDER_ANGLE_RAD - PASS_BORDER_ANGLE_RAD) * np.sqrt(elbow)
     back = _gradual((angle - border) / BORDER_WIDTH_RAD)
     side = np.maximum(back, _gradual((along - TURN_BACK_POSITION) / TURN_BACK_WIDTH))
     turn: FloatArray = np.clip(
-        TOP_RAD + side * (SIDE_RAD - TOP_RAD) - angle, -MAX_LOOKAHEAD_RAD, MAX_LOOKAHEAD_RAD
+        TOP_PASS_ANGLE_RAD + side * (SIDE_PASS_ANGLE_RAD - TOP_PASS_ANGLE_RAD) - angle,
+        -MAX_LOOKAHEAD_RAD,
+        MAX_LOOKAHEAD_RAD,
     )
     advance = np.maximum(
         np.clip(1.0 - above_m / MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE, 1.0), np.minimum(1.0, 3.0 * elbow)
     )
-    next_along = np.clip(along + (1.0 - 2.0 * back) * LOOKAHEAD * advance, 0.0, 3.0)
+    next_along = np.clip(along + (1.0 - 2.0 * back) * LOOKAHEAD_DISTANCE * advance, 0.0, 3.0)
     skin_w, q_w, out = _arm_pose(
-        state, np.where(away, 0.0, next_along), np.where(away, float(TOP_RAD), angle + turn)
+        state, np.where(away, 0.0, next_along), np.where(away, float(TOP_PASS_ANGLE_RAD), angle + turn)
     )
     deeper = np.clip(
         DEPTH_GAIN_M_N * (expert.TARGET_FORCE_N - state.tool_force_n), MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M
     )
-    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_STEP_M)
+    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_DEPTH_STEP_M)
     height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_RANGE_M)
-    height = np.maximum(height, HEIGHT_RANGE_M[0] + elbow * (LIFT_M - HEIGHT_RANGE_M[0]))
+    height = np.maximum(height, HEIGHT_RANGE_M[0] + elbow * (ELBOW_LIFT_HEIGHT_M - HEIGHT_RANGE_M[0]))
     before = APPROACH_END_HEIGHT_M + funnel_standoff_m(
         skin_w - state.tool_pos_w, out, APPROACH_END_HEIGHT_M, 4.0 * APPROACH_END_HEIGHT_M
     )

@@ -13,13 +13,13 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import capsules, elementary, transforms
-from avrgym.geometry.arrays import active_indices, constant_like, namespace, row_indices
+from avrgym.geometry.arrays import constant_like, indices_to_compute, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import PROPORTIONS, RECLINED, TORSO_HEIGHT_RANGE_M, People
-from avrgym.models.washcloth import CONTACT_MARGIN_M, PAD_CENTRE_M, PAD_HALF_SIZE_M
+from avrgym.models.washcloth import PAD_CENTRE_M, PAD_CONTACT_MARGIN_M, PAD_HALF_SIZE_M
 from avrgym.simulation.worlds import State
-from avrgym.tasks.person import LIMBS, force_above_limit
+from avrgym.tasks.person import RIGHT_ARM_LIMBS, force_above_limit
 from avrgym.tasks.task import StepResult
 
 MARKER_SPACING_M = 0.03
@@ -38,15 +38,15 @@ WEIGHTS: Mapping[str, float] = {
 }
 """Task weights, then preference weights (paper, section IV; reference)."""
 
-LIMB_GEOMS = np.array([list(human.GEOMS).index(name) for name in LIMBS])
+LIMB_GEOM_INDICES = np.array([list(human.GEOMS).index(name) for name in RIGHT_ARM_LIMBS])
 
 
 @dataclass(frozen=True)
 class BedBathingState:
-    """Markers on upper arm and forearm. Both limbs have ``MARKERS`` slots, as many as the largest limb needs.
+    """Markers on upper arm and forearm. Both limbs have ``MARKERS_PER_LIMB`` slots, as many as the largest limb needs.
 
-    ``marker_pos`` (N, 2, ``MARKERS``, 3) are positions in the frames of the two limbs, metres. ``exists`` and ``wiped``
-    are masks (N, 2, ``MARKERS``).
+    ``marker_pos`` (N, 2, ``MARKERS_PER_LIMB``, 3) are positions in the frames of the two limbs, metres. ``exists`` and
+    ``wiped`` are masks (N, 2, ``MARKERS_PER_LIMB``).
     """
 
     marker_pos: FloatArray
@@ -66,7 +66,7 @@ def _max_rings() -> int:
 
 MAX_RINGS = _max_rings()
 MARKERS_PER_RING = int(2.0 * np.pi * _largest("upper_arm_radius") / MARKER_SPACING_M)
-MARKERS = MAX_RINGS * MARKERS_PER_RING
+MARKERS_PER_LIMB = MAX_RINGS * MARKERS_PER_RING
 """Number of marker slots of a limb. Upper arms need more than forearms, because they are longer and thicker."""
 
 
@@ -76,14 +76,16 @@ def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     Thick arms have larger gaps.
     """
     xp = namespace(uniforms)
-    size = human.layout_of_people(people, RECLINED).geom_size
-    radius = xp.stack([size[limb][:, 0] for limb in LIMBS], axis=1)[..., None]
-    length = 2.0 * xp.stack([size[limb][:, 1] for limb in LIMBS], axis=1)[..., None]
+    size = human.body_layout_of_people(people, RECLINED).geom_size
+    radius = xp.stack([size[limb][:, 0] for limb in RIGHT_ARM_LIMBS], axis=1)[..., None]
+    length = 2.0 * xp.stack([size[limb][:, 1] for limb in RIGHT_ARM_LIMBS], axis=1)[..., None]
     rings, around = (
         xp.minimum(length // MARKER_SPACING_M, MAX_RINGS),
         xp.minimum(2.0 * np.pi * radius // MARKER_SPACING_M, MARKERS_PER_RING),
     )
-    ring, spot = (constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS), MARKERS_PER_RING))
+    ring, spot = (
+        constant_like(each, uniforms) for each in np.divmod(np.arange(MARKERS_PER_LIMB), MARKERS_PER_RING)
+    )
     along = 0.5 * length + (ring - 0.5 * (rings - 1.0)) * MARKER_SPACING_M
     angle = 2.0 * np.pi * spot / around
     sine, cosine = elementary.sine_and_cosine(angle)
@@ -104,7 +106,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
     newly_wiped = task_state.exists & ~task_state.wiped & _touched(contact_pos, wiping, task_state.marker_pos)
     after = replace(task_state, wiped=task_state.wiped | newly_wiped)
     force_at_arm = xp.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
-    distance = cloth_distance(state)
+    distance = cloth_distance_m(state)
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
@@ -115,23 +117,25 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
     }
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
     wiped = newly_wiped.sum(axis=(-2, -1))
-    return StepResult(after, terms, distance, state.total_force_n, is_wiped(after), wiped, nothing)
+    return StepResult(
+        after, terms, distance, state.total_force_n, are_enough_markers_wiped(after), wiped, nothing
+    )
 
 
-def is_wiped(task_state: BedBathingState) -> BoolArray:
+def are_enough_markers_wiped(task_state: BedBathingState) -> BoolArray:
     """Returns a boolean mask (N,) of worlds in which enough markers are wiped for success."""
     return _count(task_state.wiped) >= SUCCESS_SHARE * _count(task_state.exists)
 
 
-def cloth_distance(state: State) -> FloatArray:
+def cloth_distance_m(state: State) -> FloatArray:
     """Returns the distance (N,) of the cloth from the person's body in metres; 0 in contact."""
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
     to_axis = capsules.segment_box_distance(
-        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - CONTACT_MARGIN_M, begin_w, end_w
+        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M, begin_w, end_w
     )
     xp = namespace(to_axis)
-    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - CONTACT_MARGIN_M, 0.0)
+    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - PAD_CONTACT_MARGIN_M, 0.0)
 
 
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
@@ -139,12 +143,12 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
 
     Also returns a mask (N, 2, C) of contacts within 2.5 cm of the limb.
     """
-    xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOMS, state.tool_pos_w)
+    xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOM_INDICES, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
-    shape = len(touching), len(LIMBS), touching.shape[1]
+    shape = len(touching), len(RIGHT_ARM_LIMBS), touching.shape[1]
     contact_pos = xp.zeros((*shape, 3), dtype=state.tool_pos_w.dtype, device=touching.device)
     near = xp.zeros(shape, dtype=xp.bool, device=touching.device)
-    (rows,) = active_indices(touching.any(axis=-1))
+    (rows,) = indices_to_compute(touching.any(axis=-1))
     limb_w, to_limb = (
         state.right_arm_pos_w[rows, :2, None],
         transforms.conjugate(state.right_arm_q_w[rows, :2, None]),
@@ -177,7 +181,7 @@ def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -
     xp = namespace(marker_pos)
     touching = xp.any(near, axis=-1)
     touched = xp.zeros(marker_pos.shape[:-1], dtype=xp.bool, device=near.device)
-    world, limb = active_indices(touching)
+    world, limb = indices_to_compute(touching)
     if len(world):
         first, last = _ends(contact_pos[world, limb], near[world, limb])
         markers = marker_pos[world, limb]

@@ -12,7 +12,13 @@ from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import State
-from avrgym.tasks.dressing.reward import SHOULDER_REACH_M, ArmPath, arm_path, is_dressed, nearest_on_path
+from avrgym.tasks.dressing.reward import (
+    DRESSED_SHOULDER_DISTANCE_M,
+    ArmPath,
+    arm_path,
+    is_dressed,
+    nearest_path_point,
+)
 from avrgym.tasks.experts.feedback import SPEED_GAIN_PER_S, TURN_SPEED_RAD_S, ToolTarget
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import RunningEpisodes, TaskState
@@ -25,16 +31,16 @@ HAND_DIRECTION_MOUNTED_W, HAND_DIRECTION_FLOOR_W = (
 
 For a robot on the floor it is 40° above the horizontal. With these directions the robots reach the whole arm.
 """
-BEND_M = 0.06
+BEND_TRANSITION_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
 LOOKAHEAD_M = 0.05
-CENTRED_M, LATERAL_GAIN = 0.03, 1.5
+MAX_CENTRED_OFFSET_M, LATERAL_GAIN = 0.03, 1.5
 """Maximum distance of the opening's centre from the arm's axis at which the opening moves over the hand.
 
 At larger distances the opening waits in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN``
 times the excess.
 """
-DRAW_SPEED_M_S, APPROACH_SPEED_M_S, SLOWEST_M_S = 0.12, 0.20, 0.02
+DRAW_SPEED_M_S, APPROACH_SPEED_M_S, MIN_SPEED_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0
 """Between these forces on the person, the speed decreases from full speed to zero.
 
@@ -45,7 +51,7 @@ FREE_LAG_M, MAX_LAG_M = 0.03, 0.045
 
 A large distance means that an obstacle blocks the tool.
 """
-PAST_SHOULDER_M = 0.04
+SHOULDER_OVERSHOOT_M = 0.04
 """Distance that the hoop moves past the point at which the arm is dressed.
 
 It is needed because the free half of the opening lags behind.
@@ -72,26 +78,28 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     The tool stops if the arm is dressed. It moves back if the force is high or an obstacle blocks it.
     """
     path = arm_path(state)
-    end_m = path.end_m[:, 2] - SHOULDER_REACH_M + PAST_SHOULDER_M
-    here = nearest_on_path(planner.pos_w, path, extended=True)
-    beside_m = norm(planner.pos_w - here.point_w)
-    wait_m = -BEND_M - LATERAL_GAIN * np.maximum(beside_m - CENTRED_M, 0.0)
-    before = here.at_m < 0.0
-    limit_m = np.where(before & (beside_m > CENTRED_M), wait_m, end_m)
+    end_m = path.section_end_m[:, 2] - DRESSED_SHOULDER_DISTANCE_M + SHOULDER_OVERSHOOT_M
+    here = nearest_path_point(planner.pos_w, path, extended=True)
+    beside_m = norm(planner.pos_w - here.pos_w)
+    wait_m = -BEND_TRANSITION_M - LATERAL_GAIN * np.maximum(beside_m - MAX_CENTRED_OFFSET_M, 0.0)
+    before = here.path_distance_m < 0.0
+    limit_m = np.where(before & (beside_m > MAX_CENTRED_OFFSET_M), wait_m, end_m)
     lag_m = norm(state.tool_pos_w - planner.pos_w)
     free_share = np.minimum(
         (MAX_FORCE_N - state.total_force_n) / (MAX_FORCE_N - COMFORTABLE_FORCE_N),
         (MAX_LAG_M - lag_m) / (MAX_LAG_M - FREE_LAG_M),
     )
-    centred_share = np.clip(2.0 - beside_m / CENTRED_M, 0.0, 1.0)
+    centred_share = np.clip(2.0 - beside_m / MAX_CENTRED_OFFSET_M, 0.0, 1.0)
     step_m = LOOKAHEAD_M * np.where(before, 1.0, centred_share)
     backs = free_share < 0.0
-    ahead_m = np.where(backs, here.at_m - LOOKAHEAD_M, np.minimum(here.at_m + step_m, limit_m))
+    ahead_m = np.where(
+        backs, here.path_distance_m - LOOKAHEAD_M, np.minimum(here.path_distance_m + step_m, limit_m)
+    )
     place_w, _ = _path_point(path, ahead_m)
-    _, along_w = _path_point(path, here.at_m)
+    _, along_w = _path_point(path, here.path_distance_m)
     share = np.minimum(np.abs(free_share), 1.0)
-    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.at_m))
-    speed = share * np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, SLOWEST_M_S))
+    drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.path_distance_m))
+    speed = share * np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, MIN_SPEED_M_S))
     stays = is_dressed(task_state) & ~backs
     q_w = np.where(stays[:, None], planner.q_w, opening_rotation(planner.scene, along_w))
     return place_w, q_w, np.where(stays, 0.0, speed)
@@ -102,12 +110,16 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
     Directions change gradually at wrist and elbow.
     """
-    start_m = path.end_m - path.length_m
+    start_m = path.section_end_m - path.length_m
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)
-    place_w = path.start_w[:, 0] + (part_m[..., None] * path.along_w).sum(axis=1)
-    share = np.clip((at_m[:, None] - path.end_m[:, :2]) / (2.0 * BEND_M) + 0.5, 0.0, 1.0)[..., None]
-    along_w = path.along_w[:, 0] + (share * (path.along_w[:, 1:] - path.along_w[:, :-1])).sum(axis=1)
+    place_w = path.section_start_w[:, 0] + (part_m[..., None] * path.section_direction_w).sum(axis=1)
+    share = np.clip((at_m[:, None] - path.section_end_m[:, :2]) / (2.0 * BEND_TRANSITION_M) + 0.5, 0.0, 1.0)[
+        ..., None
+    ]
+    along_w = path.section_direction_w[:, 0] + (
+        share * (path.section_direction_w[:, 1:] - path.section_direction_w[:, :-1])
+    ).sum(axis=1)
     return place_w, transforms.normalize(along_w)
 
 

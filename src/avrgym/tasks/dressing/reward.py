@@ -22,7 +22,7 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
-SHOULDER_REACH_M = 0.12
+DRESSED_SHOULDER_DISTANCE_M = 0.12
 """The arm is dressed at this distance of the opening from the shoulder joint, along the upper arm.
 
 At smaller distances the inner side of the opening touches the torso. Its surface is about 0.1 m from the joint.
@@ -63,40 +63,41 @@ class DressingState:
 class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
-    ``start_w`` and ``along_w`` are start point and direction of each section, (N, 3, 3). ``length_m`` (N, 3) is its
-    length. ``end_m`` (N, 3) is the distance of its end from the hand's centre along the arm.
+    ``section_start_w`` and ``section_direction_w`` are start point and direction of each section, (N, 3, 3).
+    ``length_m`` (N, 3) is its length. ``section_end_m`` (N, 3) is the distance of its end from the hand's centre along
+    the arm.
     """
 
-    start_w: FloatArray
-    along_w: FloatArray
+    section_start_w: FloatArray
+    section_direction_w: FloatArray
     length_m: FloatArray
-    end_m: FloatArray
+    section_end_m: FloatArray
 
 
 class PathPoint(NamedTuple):
     """The points of N arm paths that are nearest to given points.
 
-    ``point_w`` (N, 3) is the nearest point, ``section`` (N,) its section. ``at_m`` (N,) is its distance from the hand's
-    centre along the arm, negative in front of the hand.
+    ``pos_w`` (N, 3) is the nearest point, ``section`` (N,) its section. ``path_distance_m`` (N,) is its distance from
+    the hand's centre along the arm, negative in front of the hand.
     """
 
-    point_w: FloatArray
-    section: IntArray
-    at_m: FloatArray
+    pos_w: FloatArray
+    section_index: IntArray
+    path_distance_m: FloatArray
 
 
-class Opening(NamedTuple):
+class SleeveOpening(NamedTuple):
     """Position of the sleeve's opening relative to the arm.
 
-    ``centre_w`` (N, 3) is its centre, ``section`` (N,) the nearest section of the arm. ``along_m`` (N,) is the distance
-    of the nearest point from the hand's centre along the arm. ``around`` (N,): whether the rim winds around the arm
-    there.
+    ``centre_w`` (N, 3) is its centre, ``section`` (N,) the nearest section of the arm. ``path_distance_m`` (N,) is the
+    distance of the nearest point from the hand's centre along the arm. ``around`` (N,): whether the rim winds around
+    the arm there.
     """
 
     centre_w: FloatArray
-    section: IntArray
-    along_m: FloatArray
-    around: BoolArray
+    section_index: IntArray
+    path_distance_m: FloatArray
+    is_around_arm: BoolArray
 
 
 def init_state(people: People, uniforms: FloatArray) -> DressingState:
@@ -109,13 +110,13 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
     """Returns the result of a step. The force elsewhere is the force of the robot's links and of the hoop."""
     xp, path = namespace(state.tool_pos_w), arm_path(state)
     opening = locate_opening(state, path)
-    dressed_m = xp.where(opening.around, opening.along_m, 0.0)
+    dressed_m = xp.where(opening.is_around_arm, opening.path_distance_m, 0.0)
     most_m = xp.maximum(dressed_m, task_state.dressed_m)
-    places_m = path.end_m - constant_like(np.array([0.0, 0.0, SHOULDER_REACH_M]), most_m)
+    places_m = path.section_end_m - constant_like(np.array([0.0, 0.0, DRESSED_SHOULDER_DISTANCE_M]), most_m)
     passed = xp.astype((most_m[:, None] >= places_m).sum(axis=-1), xp.int64)
     passed = xp.maximum(passed, task_state.passed)
-    to_hand_m = norm(opening.centre_w - path.start_w[:, 0])
-    distance_m = path.end_m[:, 2] - dressed_m + xp.where(opening.around, 0.0, to_hand_m)
+    to_hand_m = norm(opening.centre_w - path.section_start_w[:, 0])
+    distance_m = path.section_end_m[:, 2] - dressed_m + xp.where(opening.is_around_arm, 0.0, to_hand_m)
     terms = {
         "distance_m": distance_m,
         "action_squared": (action * action).sum(axis=-1),
@@ -156,30 +157,30 @@ def arm_path(state: State) -> ArmPath:
     )
 
 
-def locate_opening(state: State, path: ArmPath) -> Opening:
+def locate_opening(state: State, path: ArmPath) -> SleeveOpening:
     """Returns the position of the openings relative to the nearest sections of the arms."""
     rim_w = state.cloth_pos_w[:, :VERTICES_PER_RING]
     centre_w = rim_w.mean(axis=1)
-    nearest = nearest_on_path(centre_w, path)
-    axis_w = path.along_w[row_indices(nearest.section), nearest.section]
-    ahead_m = ((centre_w - path.start_w[:, 0]) * path.along_w[:, 0]).sum(axis=-1)
-    around = is_around(rim_w, nearest.point_w, axis_w) & (ahead_m > 0.0)
-    return Opening(centre_w, nearest.section, nearest.at_m, around)
+    nearest = nearest_path_point(centre_w, path)
+    axis_w = path.section_direction_w[row_indices(nearest.section_index), nearest.section_index]
+    ahead_m = ((centre_w - path.section_start_w[:, 0]) * path.section_direction_w[:, 0]).sum(axis=-1)
+    around = is_around(rim_w, nearest.pos_w, axis_w) & (ahead_m > 0.0)
+    return SleeveOpening(centre_w, nearest.section_index, nearest.path_distance_m, around)
 
 
-def nearest_on_path(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> PathPoint:
+def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> PathPoint:
     """Returns the points of the paths that are nearest to positions (N, 3).
 
     With ``extended``, the first section continues in front of the hand.
     """
     xp = namespace(pos_w)
-    ahead_m = ((pos_w[:, None] - path.start_w) * path.along_w).sum(axis=-1)
+    ahead_m = ((pos_w[:, None] - path.section_start_w) * path.section_direction_w).sum(axis=-1)
     lowest = constant_like(np.array([-np.inf if extended else 0.0, 0.0, 0.0]), pos_w)
     inside_m = xp.minimum(xp.maximum(ahead_m, lowest), path.length_m)
-    points_w = path.start_w + inside_m[..., None] * path.along_w
+    points_w = path.section_start_w + inside_m[..., None] * path.section_direction_w
     section = norm(pos_w[:, None] - points_w).argmin(axis=-1)
     row = row_indices(section)
-    at_m = path.end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
+    at_m = path.section_end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
     return PathPoint(points_w[row, section], section, at_m)
 
 

@@ -13,13 +13,13 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.sleeve import SLEEVE
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import Start
+from avrgym.simulation.worlds import InitialState
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.dressing.expert import DressingExpert, drawing_target, opening_rotation
 from avrgym.tasks.dressing.reward import (
+    DRESSED_SHOULDER_DISTANCE_M,
     FOREARM_GEOM,
-    SHOULDER_REACH_M,
     UPPER_ARM_GEOM,
     WEIGHTS,
     evaluate_step,
@@ -30,12 +30,12 @@ from avrgym.tasks.observation import EntryFunction, Observation, position_entry
 from avrgym.tasks.task import Task, View, Views
 
 LEFT_ARM = ("left_upper_arm", "left_forearm", "left_hand")
-POSE = Pose(
-    rest_rad=human.joint_angles(left_shoulder_y=-30.0, left_shoulder_x=-70.0, left_elbow_x=-15.0),
+INITIAL_POSE = Pose(
+    rest_rad=human.seated_joint_angles(left_shoulder_y=-30.0, left_shoulder_x=-70.0, left_elbow_x=-15.0),
     spread_rad=np.radians([5.0 if joint.body in LEFT_ARM[:2] else 0.0 for joint in JOINTS.values()]),
 )
 """Seated, the left arm stretched to the front and side; each joint of shoulder and elbow within ±5°."""
-START_BEFORE_HAND_M, START_SPREAD_M = 0.14, 0.03
+START_HAND_DISTANCE_M, MAX_START_OFFSET_M = 0.14, 0.03
 """Initial distance of the opening's centre from the hand's centre, and maximum random offset on each axis."""
 
 
@@ -44,7 +44,7 @@ def scene(robot: Robot) -> SceneConfig:
     return placement.wheelchair_scene(robot, "right", SLEEVE, (0.1, 0.0), on_left=True)
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the opening within ±3 cm of a point in front of the hand.
 
     The tool moves to three goals in turn: openings at wrist, elbow and shoulder.
@@ -54,12 +54,12 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
     forearm_w, upper_arm_w = (
         transforms.normalize(end - begin) for begin, end in ((wrist_w, elbow_w), (elbow_w, shoulder_w))
     )
-    hand_w = wrist_w - human.layout_of_people(people).geom_size["left_hand"][:, :1] * forearm_w
-    offset = START_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand_w = wrist_w - human.body_layout_of_people(people).geom_size["left_hand"][:, :1] * forearm_w
+    offset = MAX_START_OFFSET_M * (2.0 * uniforms[:, 0:3] - 1.0)
     forearm_q, upper_arm_q = opening_rotation(scene, forearm_w), opening_rotation(scene, upper_arm_w)
-    goals = xp.stack([wrist_w, elbow_w, shoulder_w - SHOULDER_REACH_M * upper_arm_w], axis=1)
+    goals = xp.stack([wrist_w, elbow_w, shoulder_w - DRESSED_SHOULDER_DISTANCE_M * upper_arm_w], axis=1)
     goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
-    tool_w = hand_w - START_BEFORE_HAND_M * forearm_w + offset
+    tool_w = hand_w - START_HAND_DISTANCE_M * forearm_w + offset
     return placement.find_start(
         scene, people, {}, tool_w, forearm_q, goals, goals_q, uniforms[:, 3:], along_goals=True
     )
@@ -92,7 +92,7 @@ def observation(scene: SceneConfig) -> Observation:
 DRESSING = Task(
     name="Dressing",
     goal="Get your left arm dressed.",
-    pose=POSE,
+    pose=INITIAL_POSE,
     offered="left_arm",
     scene=scene,
     num_uniforms=3 + placement.NUM_UNIFORMS,

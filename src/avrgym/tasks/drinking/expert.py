@@ -8,9 +8,9 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import CUP_SHAPE, CupShape
+from avrgym.models.cup import DEFAULT_CUP_SHAPE, CupShape
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import clearance_shift_m, face_direction
+from avrgym.tasks.experts.head_clearance import clearance_shift_m, direction_into_face
 from avrgym.tasks.experts.motion_planner import COLLISION_COST_S, MotionPlanner
 from avrgym.tasks.task import RunningEpisodes
 
@@ -21,9 +21,9 @@ DISTANCE_COST_S_PER_M = 200.0
 """Cost per metre of distance between rim and mouth."""
 
 CARRY_SPEED_M_S, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.10, 0.8
-STANDOFF_M, ARRIVAL_TOLERANCE_RAD, NEAR_M = 0.08, 0.03, 0.01
+STANDOFF_M, ARRIVAL_TOLERANCE_RAD, TILT_START_DISTANCE_M = 0.08, 0.03, 0.01
 CLEARANCE_M = 0.003
-POUR_FORWARD_M, POUR_ABOVE_M = 0.01, 0.01
+POUR_FORWARD_OFFSET_M, POUR_UPWARD_OFFSET_M = 0.01, 0.01
 """Offsets of the pouring edge from the middle of the mouth: in front of the mouth, and above it.
 
 They are needed because slow water flows backwards along the cup.
@@ -56,7 +56,7 @@ class Approach:
 class DrinkingExpert:
     """Selects an approach for each person and executes it."""
 
-    def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
+    def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
         """Plan the approaches to the present people."""
         self._cup = cup
         self._episodes = episodes
@@ -68,15 +68,15 @@ class DrinkingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
-        swing = planner.joint_step(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
-        pos_w, q_w = at_mouth(state, self._way, self._tilt_rad, self._cup)
-        near = self._arrived & (norm(pos_w - planner.pos_w) < NEAR_M)
+        self._arrived |= planner.joint_distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.step_in_joint_space(self._before, CARRY_SPEED_M_S, CARRY_TILT_RAD)
+        pos_w, q_w = cup_pose_at_mouth(state, self._way, self._tilt_rad, self._cup)
+        near = self._arrived & (norm(pos_w - planner.pos_w) < TILT_START_DISTANCE_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
         self._tilt_rad = np.minimum(
             self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_TILT_RAD
         )
-        into = planner.line_step(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
+        into = planner.step_on_line(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> tuple[Approach, FloatArray]:
@@ -93,8 +93,10 @@ class DrinkingExpert:
 
     def _try(self, state: State, approach: Approach) -> tuple[FloatArray, FloatArray]:
         """Returns the cost (N,) of an approach in seconds, and the joint positions (N, J) at its start."""
-        pos_w, q_w = at_mouth(state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup)
-        before_w = pos_w - STANDOFF_M * transforms.rotate(yaw_q_w(state, approach), FORWARD)
+        pos_w, q_w = cup_pose_at_mouth(
+            state, approach, np.full_like(approach.roll_rad, CARRY_TILT_RAD), self._cup
+        )
+        before_w = pos_w - STANDOFF_M * transforms.rotate(approach_heading_q_w(state, approach), FORWARD)
         angles, seconds = (
             part[:, 0]
             for part in self._planner.find_joint_positions(before_w[:, None], q_w[:, None], CARRY_TILT_RAD)
@@ -105,15 +107,15 @@ class DrinkingExpert:
         """Returns the cost (N,) of small clearances during the tilt, and of the distance between rim and mouth."""
         gap_m = np.full(len(joint_positions), np.inf)
         poses = [
-            at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
+            cup_pose_at_mouth(state, approach, np.full_like(approach.roll_rad, tilt), self._cup)
             for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
-            joint_positions = self._planner.joint_positions_at(pos_w, q_w, joint_positions)
+            joint_positions = self._planner.solve_joint_positions(pos_w, q_w, joint_positions)
             gap = self._planner.clearance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]
-        reached_w, _ = self._planner.pose(joint_positions)
+        reached_w, _ = self._planner.tool_pose(joint_positions)
         distance = norm(_edge_w(pos_w, q_w, approach, self._cup) - state.mouth_pos_w) + norm(
             pos_w - reached_w
         )
@@ -122,31 +124,31 @@ class DrinkingExpert:
         )
 
 
-def carried_tilt_rad(q_w: FloatArray) -> FloatArray:
+def clipped_cup_tilt_rad(q_w: FloatArray) -> FloatArray:
     """Returns the tilt (N,) of cups with rotations (N, 4), at least ``CARRY_TILT_RAD``."""
     z_w = transforms.rotate(q_w, UP)[:, 2]
     return np.maximum(elementary.arccos(np.clip(z_w, -1.0, 1.0)), CARRY_TILT_RAD)
 
 
-def yaw_q_w(state: State, approach: Approach) -> FloatArray:
+def approach_heading_q_w(state: State, approach: Approach) -> FloatArray:
     """Returns the rotation (N, 4) of an upright cup. Its x axis is the heading of the approach."""
-    into = face_direction(state)
+    into = direction_into_face(state)
     return transforms.from_axis_angle(UP, elementary.arctan2(into[:, 1], into[:, 0]) + approach.yaw_rad)
 
 
-def at_mouth(
-    state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = CUP_SHAPE
+def cup_pose_at_mouth(
+    state: State, approach: Approach, tilt_rad: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the cup pose, (N, 3) and (N, 4), at a tilt.
 
     The pouring edge is at the lips, or farther away if this is needed to avoid contact.
     """
-    yaw = yaw_q_w(state, approach)
+    yaw = approach_heading_q_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)
     roll = transforms.from_axis_angle(UP, approach.roll_rad)
     q_w = transforms.multiply(transforms.multiply(yaw, tilt), roll)
     back = -transforms.rotate(yaw, FORWARD)
-    lips_w = state.mouth_pos_w + POUR_FORWARD_M * back + POUR_ABOVE_M * UP
+    lips_w = state.mouth_pos_w + POUR_FORWARD_OFFSET_M * back + POUR_UPWARD_OFFSET_M * UP
     pos_w = lips_w - _edge_w(np.zeros(3), q_w, approach, cup)
     rim_w = pos_w[:, None] + transforms.rotate(q_w[:, None], _rim(cup))
     return pos_w + clearance_shift_m(rim_w, back, state, CLEARANCE_M)[:, None] * back, q_w
@@ -165,7 +167,9 @@ def _rim(cup: CupShape) -> FloatArray:
     )
 
 
-def _edge_w(pos_w: FloatArray, q_w: FloatArray, approach: Approach, cup: CupShape = CUP_SHAPE) -> FloatArray:
+def _edge_w(
+    pos_w: FloatArray, q_w: FloatArray, approach: Approach, cup: CupShape = DEFAULT_CUP_SHAPE
+) -> FloatArray:
     """Returns the point (N, 3) of the rim over which the cup pours."""
     edge = [
         cup.rim_radius_m * elementary.cos(approach.roll_rad) + cup.axis_x_m,

@@ -17,7 +17,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import CUP_SHAPE, CupShape
+from avrgym.models.cup import DEFAULT_CUP_SHAPE, CupShape
 from avrgym.models.human import GEOMS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
@@ -30,7 +30,7 @@ from avrgym.tasks.experts.feedback import (
     FeedbackPlanner,
     funnel_standoff_m,
 )
-from avrgym.tasks.experts.head_clearance import face_direction
+from avrgym.tasks.experts.head_clearance import direction_into_face
 from avrgym.tasks.particles import count_events
 from avrgym.tasks.task import RunningEpisodes
 
@@ -58,7 +58,7 @@ LOOK_AWAY_RAD = np.radians(25.0)
 """Angle of a face above which the person looks away."""
 FAR_LOOK_AWAY_RAD = np.radians(33.0)
 """Angle of a face at which the person looks far away."""
-EXPECTED_FACE_RAD = np.radians(8.0)
+EXPECTED_RETURN_ANGLE_RAD = np.radians(8.0)
 """Expected angle of the face after the person has looked far away.
 
 For smaller angles, the expected angle increases. It is ``LOOK_AWAY_RAD`` for a face at ``LOOK_AWAY_RAD``.
@@ -80,7 +80,7 @@ MIN_MIDPLANE_DISTANCE_M = 0.01
 """Minimum distance of the cup from the mid-plane of the head."""
 MAX_LIP_OFFSET_M = 0.04
 """Maximum lateral offset of the cup from the lips."""
-TURN_COMPENSATION = 0.7
+ROTATION_COMPENSATION_SHARE = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
 FACING_CUP_RAD = float(np.radians(8.0))
 """Yaw, to the left, of a face that looks at the cup."""
@@ -88,10 +88,10 @@ FACING_CUP_RAD = float(np.radians(8.0))
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
 
 
-class MemoryExpert:
+class DrinkingMemoryExpert:
     """Brings the cup to each of N mouths. Waits while the person looks away, and pours while the mouth is at rest."""
 
-    def __init__(self, episodes: RunningEpisodes, cup: CupShape = CUP_SHAPE) -> None:
+    def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
         """Start at the present poses."""
         self._cup = cup
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
@@ -114,21 +114,23 @@ class MemoryExpert:
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
         planner, cup = self._planner, self._cup
         way = _way(np.full(len(rests), LATERAL_OFFSET_M), cup)
-        tilt = expert.carried_tilt_rad(planner.q_w)
-        at_lips_w, _ = expert.at_mouth(state, way, tilt, cup)
+        tilt = expert.clipped_cup_tilt_rad(planner.q_w)
+        at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
         turned_m = np.clip(
-            LATERAL_OFFSET_M + TURN_COMPENSATION * aside_m, -MAX_LATERAL_OFFSET_M, MAX_LATERAL_OFFSET_M
+            LATERAL_OFFSET_M + ROTATION_COMPENSATION_SHARE * aside_m,
+            -MAX_LATERAL_OFFSET_M,
+            MAX_LATERAL_OFFSET_M,
         )
         way = _way(turned_m, cup)
-        at_lips_w, _ = expert.at_mouth(state, way, tilt, cup)
+        at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
         aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
         pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count_events(in_cup(state, cup))
         tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
-        goal_w, q_w = expert.at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
-        into = transforms.rotate(expert.yaw_q_w(state, way), expert.FORWARD)
+        goal_w, q_w = expert.cup_pose_at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
+        into = transforms.rotate(expert.approach_heading_q_w(state, way), expert.FORWARD)
         back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
             away, WAITING_STANDOFF_M, 0.0
         )
@@ -139,7 +141,7 @@ class MemoryExpert:
         return planner.action_to_pose(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
-def _way(left_m: FloatArray, cup: CupShape = CUP_SHAPE) -> Approach:
+def _way(left_m: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE) -> Approach:
     """Returns the approach of cups whose reference point is a distance (N,) to the left of the pouring point."""
     return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 
@@ -175,7 +177,7 @@ def _to_the_left(state: State) -> FloatArray:
 
 def _turn_rad(state: State) -> FloatArray:
     """Returns the angle (N,) of faces, to the left of the direction in which a face looks at the cup."""
-    into, left = face_direction(state), _to_the_left(state)
+    into, left = direction_into_face(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )
@@ -186,7 +188,7 @@ def _expected_rad(turn_rad: FloatArray) -> FloatArray:
     """Returns the angle (N,) at which faces of people who look away are expected to return."""
     share = (np.abs(turn_rad) - LOOK_AWAY_RAD) / (FAR_LOOK_AWAY_RAD - LOOK_AWAY_RAD)
     return np.sign(turn_rad) * np.maximum(
-        LOOK_AWAY_RAD - share * (LOOK_AWAY_RAD - EXPECTED_FACE_RAD), EXPECTED_FACE_RAD
+        LOOK_AWAY_RAD - share * (LOOK_AWAY_RAD - EXPECTED_RETURN_ANGLE_RAD), EXPECTED_RETURN_ANGLE_RAD
     )
 
 

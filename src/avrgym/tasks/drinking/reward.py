@@ -9,11 +9,11 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import namespace
 from avrgym.geometry.transforms import norm
-from avrgym.models.cup import CUP_SHAPE, WATER, CupShape
+from avrgym.models.cup import DEFAULT_CUP_SHAPE, WATER, CupShape
 from avrgym.models.human import People
 from avrgym.simulation.worlds import State
-from avrgym.tasks.feeding.reward import strong_tool_force
-from avrgym.tasks.particles import GROUND_M, check_count, count_events, particles_on_person
+from avrgym.tasks.feeding.reward import strong_tool_force_n
+from avrgym.tasks.particles import FLOOR_HEIGHT_M, check_particle_count, count_events, particles_on_person
 from avrgym.tasks.task import StepResult
 
 MOUTH_RADIUS_M = 0.03
@@ -57,19 +57,19 @@ def init_state(
 
 
 def evaluate_step(
-    state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = CUP_SHAPE
+    state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = DEFAULT_CUP_SHAPE
 ) -> StepResult:
     """Returns the result of a step.
 
     Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled.
     """
-    check_count(state, task_state.drunk)
+    check_particle_count(state, task_state.drunk)
     outside = ~(task_state.gone | in_cup(state, cup))
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     spilled = drinkable & ~drunk & _fallen(state, cup)
     on_person = particles_on_person(state, WATER.radius_m, outside & ~drunk & ~task_state.on_person)
-    gone = drunk | (outside & (state.particle_pos_w[..., 2] < GROUND_M))
+    gone = drunk | (outside & (state.particle_pos_w[..., 2] < FLOOR_HEIGHT_M))
     after = DrinkingState(
         task_state.drunk | drunk,
         task_state.spilled | spilled,
@@ -85,7 +85,7 @@ def evaluate_step(
         "water_in_mouth": count_events(drunk),
         "water_spilled": count_events(spilled),
         "tool_speed_m_s": norm(state.tool_velocity_w),
-        "strong_tool_force_n": strong_tool_force(state),
+        "strong_tool_force_n": strong_tool_force_n(state),
         "links_force_n": state.links_force_n,
         "water_on_person": count_events(on_person),
         "water_entry_speed_m_s": xp.where(drunk, norm(state.particle_velocity_w), 0.0).sum(axis=-1),
@@ -94,7 +94,7 @@ def evaluate_step(
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
-def in_cup(state: State, cup: CupShape = CUP_SHAPE) -> BoolArray:
+def in_cup(state: State, cup: CupShape = DEFAULT_CUP_SHAPE) -> BoolArray:
     """Returns a boolean mask (N, K) of water particles inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])

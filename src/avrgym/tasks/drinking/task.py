@@ -12,21 +12,21 @@ from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.tools import Tool
-from avrgym.simulation.worlds import Start
+from avrgym.simulation.worlds import InitialState
 from avrgym.tasks import placement
 from avrgym.tasks.drinking.expert import DrinkingExpert
 from avrgym.tasks.drinking.feedback_expert import drinking_target
-from avrgym.tasks.drinking.memory_expert import MemoryExpert
+from avrgym.tasks.drinking.memory_expert import DrinkingMemoryExpert
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import mouth_task_observation
-from avrgym.tasks.person import TURNED_HEAD
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.person import TURNED_HEAD_POSE
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
-HAND_START_W = (-0.2, -0.5, 1.0)
-HAND_SPREAD_M = 0.05
-CUP_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
+HAND_START_POS_W = (-0.2, -0.5, 1.0)
+MAX_HAND_OFFSET_M = 0.05
+CUP_START_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the cup: upright, the pouring edge towards the person."""
 
 
@@ -35,20 +35,22 @@ def scene(robot: Robot, tool: Tool = CUP) -> SceneConfig:
     return placement.wheelchair_scene(robot, "right", tool, (0.2, 0.2))
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the robot's hand within ±5 cm of a point in front of the person.
 
     The cup is upright.
     """
-    hand = constant_like(np.array(HAND_START_W), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_Q_W)
+    hand = constant_like(np.array(HAND_START_POS_W), uniforms) + MAX_HAND_OFFSET_M * (
+        2.0 * uniforms[:, 0:3] - 1.0
+    )
+    tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_START_Q_W)
     mouth, _ = placement.mouth_poses(people)
     return placement.find_start(
         scene, people, {}, tool, upright, mouth[:, None], upright[:, None], uniforms[:, 3:]
     )
 
 
-def drinking(settings: Settings = DEFAULTS) -> Task:
+def make_drinking_task(settings: Settings = DEFAULT_SETTINGS) -> Task:
     """Returns the task with the cup and the water of the settings."""
     name, particles = settings.tool or "cup", settings.particles or len(WATER.initial_pos)
     tool = make_cup(name, particles)
@@ -56,7 +58,7 @@ def drinking(settings: Settings = DEFAULTS) -> Task:
     return Task(
         name="Drinking",
         goal="Drink the water from the cup.",
-        pose=TURNED_HEAD,
+        pose=TURNED_HEAD_POSE,
         offered="mouth",
         scene=partial(scene, tool=tool),
         num_uniforms=3 + placement.NUM_UNIFORMS,
@@ -67,14 +69,14 @@ def drinking(settings: Settings = DEFAULTS) -> Task:
         evaluate_step=partial(evaluate_step, cup=shape),
         expert=partial(DrinkingExpert, cup=shape),
         feedback_expert=partial(FeedbackExpert, target=partial(drinking_target, cup=shape)),
-        memory_expert=partial(MemoryExpert, cup=shape),
+        memory_expert=partial(DrinkingMemoryExpert, cup=shape),
         views=Views(
             mounted=View((-0.10, -0.25, 0.88), 1.75, 135.0, -22.0),
             on_floor=WHEELCHAIR_SIDE_VIEW,
         ),
         withdraws_after_success=True,
-        variant=drinking,
+        variant=make_drinking_task,
     )
 
 
-DRINKING = drinking()
+DRINKING = make_drinking_task()

@@ -7,10 +7,10 @@ from avrgym.geometry import transforms
 from avrgym.models.human import GEOMS
 from avrgym.simulation.worlds import State
 
-HEAD = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
+HEAD_GEOM_INDICES = [list(GEOMS).index(name) for name in ("jaw", "cranium")]
 
 
-def face_direction(state: State) -> FloatArray:
+def direction_into_face(state: State) -> FloatArray:
     """Returns the horizontal direction (N, 3) from the front into the face, in the world frame."""
     into = transforms.rotate(state.head_q_w, [0.0, 1.0, 0.0])
     return transforms.normalize(into * [1.0, 1.0, 0.0])
@@ -23,8 +23,8 @@ def clearance_shift_m(
 
     After the shift, all points have at least the clearance ``clearance_m`` (N,) from the head.
     """
-    radius = state.person_radius_m[:, HEAD] + np.asarray(clearance_m)[..., None]
-    offset = points_w[:, None] - state.person_segment_w[:, HEAD, :1]
+    radius = state.person_radius_m[:, HEAD_GEOM_INDICES] + np.asarray(clearance_m)[..., None]
+    offset = points_w[:, None] - state.person_segment_w[:, HEAD_GEOM_INDICES, :1]
     along = (offset * out[:, None, None]).sum(axis=-1)
     reach = along**2 - (offset * offset).sum(axis=-1) + radius[..., None] ** 2
     way = np.where(reach > 0.0, np.sqrt(np.maximum(reach, 0.0)) - along, 0.0)

@@ -7,24 +7,24 @@ from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.simulation.worlds import State
 from avrgym.system import random_streams
 from avrgym.tasks import placement
-from avrgym.tasks.robot_clearance import Clearance
+from avrgym.tasks.robot_clearance import RobotClearance
 from avrgym.tasks.task import RunningEpisodes
 
-ITERATIONS = 8
-POSTURE_SHARE = 0.1
+IK_ITERATIONS = 8
+POSTURE_STEP_SHARE = 0.1
 """Share of the distance to the preferred posture that the arm covers in one control step."""
 
-IK_STARTS, IK_SPREAD_RAD = 12, 1.5
+IK_STARTS, MAX_IK_START_OFFSET_RAD = 12, 1.5
 """Number of start poses of the inverse kinematics, and maximum offset of each joint.
 
 The first is the present pose. The others are random poses around it.
 """
-CANDIDATES = 8
+CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
 PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
-COLLISION_COST_S, TILT_COST_S_RAD, MARGIN_M = 20.0, 20.0, 0.03
+COLLISION_COST_S, TILT_COST_S_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
 """Cost of a collision, cost of tool tilt, and distance at which the collision cost begins."""
-ACCURACY_M, ACCURACY_RAD = 0.003, 0.03
+MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.003, 0.03
 YAW_GAIN_PER_S = 2.0
 """Turn rate of a driving base per radian of deviation from its initial yaw, 1/s."""
 UP = (0.0, 0.0, 1.0)
@@ -54,10 +54,10 @@ class MotionPlanner:
         travel = () if drive is None else (drive.speed_limit_m_s,)
         self._reach = np.concatenate([travel, self.scene.arm.speed_limit]) * self._step_s
         self._base_w = self._simulation.initial_base_pose()
-        self._clearance = Clearance(self.scene, self._chain, *self._base_w)
+        self._clearance = RobotClearance(self.scene, self._chain, *self._base_w)
         self._to_base = transforms.invert(*self._base_w)
         self._continue_from(self._simulation.joint_positions())
-        self.posture = self.joint_positions
+        self.preferred_posture = self.joint_positions
 
     def action_to_pose(
         self,
@@ -70,9 +70,11 @@ class MotionPlanner:
 
         The tool moves as fast as the joints allow, up to the given speeds.
         """
-        return self.action_to_joint_positions(self.line_step(target_pos_w, target_q_w, speed_m_s, turn_rad_s))
+        return self.action_to_joint_positions(
+            self.step_on_line(target_pos_w, target_q_w, speed_m_s, turn_rad_s)
+        )
 
-    def line_step(
+    def step_on_line(
         self,
         target_pos_w: FloatArray,
         target_q_w: FloatArray,
@@ -86,21 +88,23 @@ class MotionPlanner:
         step = step * _limiting_share(step, self._step_s * speed_m_s)
         turn = turn * _limiting_share(turn, self._step_s * turn_rad_s)
         q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
-        pull = POSTURE_SHARE * (self.posture - self.joint_positions)
-        pull *= _limiting_share(pull / self._chain.units, np.full(len(pull), POSTURE_SHARE))
-        return self.joint_positions_at(self.pos_w + step, q_w, self.joint_positions + pull)
+        pull = POSTURE_STEP_SHARE * (self.preferred_posture - self.joint_positions)
+        pull *= _limiting_share(pull / self._chain.joint_units, np.full(len(pull), POSTURE_STEP_SHARE))
+        return self.solve_joint_positions(self.pos_w + step, q_w, self.joint_positions + pull)
 
-    def joint_step(self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float) -> FloatArray:
+    def step_in_joint_space(
+        self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float
+    ) -> FloatArray:
         """Returns joint positions (N, J) of the next step towards a target (N, J). All joints move in proportion.
 
         The tool moves at up to ``speed_m_s``. Its z axis stays within ``tilt_rad`` of the vertical.
         """
         self._update()
         step = self._within_limits(target - self.joint_positions)
-        pos, _ = self.pose(self.joint_positions + step)
+        pos, _ = self.tool_pose(self.joint_positions + step)
         step *= _limiting_share(pos - self.pos_w, self._step_s * speed_m_s)
-        pos_w, q_w = self.pose(self.joint_positions + step)
-        return self.joint_positions_at(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
+        pos_w, q_w = self.tool_pose(self.joint_positions + step)
+        return self.solve_joint_positions(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
         """Returns actions (N, A) that move the arms to joint positions (N, J) within the speed limits.
@@ -123,7 +127,7 @@ class MotionPlanner:
         """Find joint positions near the present ones for K tool poses in each world, (N, K, 3) and (N, K, 4).
 
         The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess
-        tilt. The collision cost begins at a distance of ``MARGIN_M``. For a collision it is at least
+        tilt. The collision cost begins at a distance of ``COLLISION_MARGIN_M``. For a collision it is at least
         ``COLLISION_COST_S``. At the end of the motion, the tool is not checked. The cost is infinite if no solution was
         found.
 
@@ -134,15 +138,17 @@ class MotionPlanner:
         to_base_pos, to_base_q = (part[:, None] for part in self._to_base)
         pos, q = transforms.compose(to_base_pos, to_base_q, pos_w, q_w)
         joints = self.joint_positions.shape[-1]
-        starts = self.joint_positions[:, None, None] + self._chain.units * _start_offsets(joints)
+        starts = self.joint_positions[:, None, None] + self._chain.joint_units * _start_offsets(joints)
         starts = np.tile(starts, (1, poses, 1, 1)).reshape(-1, joints)
         pos, q = (np.repeat(part.reshape(worlds * poses, -1), IK_STARTS, axis=0) for part in (pos, q))
         solution = kinematics.inverse_kinematics(self._chain, pos, q, starts)
         angles = self._unwrap_near(solution.joint_positions.reshape(worlds, -1, joints))
-        missed = (solution.position_error_m > ACCURACY_M) | (solution.rotation_error_rad > ACCURACY_RAD)
+        missed = (solution.position_error_m > MAX_POSITION_ERROR_M) | (
+            solution.rotation_error_rad > MAX_ROTATION_ERROR_RAD
+        )
         cost = np.where(missed.reshape(worlds, -1), np.inf, self._swing_cost_s(angles, tilt_rad))
         cost, angles = _cheapest(
-            cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, joints), CANDIDATES
+            cost.reshape(worlds, poses, -1), angles.reshape(worlds, poses, -1, joints), CHECKED_IK_SOLUTIONS
         )
         cost += self._collision_cost_s(angles.reshape(worlds, -1, joints)).reshape(cost.shape)
         cost, angles = _cheapest(cost, angles, 1)
@@ -162,7 +168,7 @@ class MotionPlanner:
         for share in PATH_FRACTIONS:
             there = self.joint_positions[:, None] + share * way
             gap = np.minimum(gap, self.clearance_m(there, state, tool=share < 1.0))
-        return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / MARGIN_M)
+        return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / COLLISION_MARGIN_M)
 
     def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Returns the smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J).
@@ -183,18 +189,20 @@ class MotionPlanner:
         )
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
-    def joint_positions_at(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
+    def solve_joint_positions(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
         """Returns joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near`` (N, J)."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
-        return kinematics.inverse_kinematics(self._chain, pos, q, near, iterations=ITERATIONS).joint_positions
+        return kinematics.inverse_kinematics(
+            self._chain, pos, q, near, iterations=IK_ITERATIONS
+        ).joint_positions
 
-    def pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def tool_pose(self, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns tool positions (N, 3) and rotations (N, 4) in the world frame, at joint positions (N, J)."""
         return transforms.compose(*self._base_w, *kinematics.forward_kinematics(self._chain, joint_positions))
 
-    def distance_rad(self, joint_positions: FloatArray) -> FloatArray:
+    def joint_distance_rad(self, joint_positions: FloatArray) -> FloatArray:
         """Returns the largest difference (N,) of a joint from ``joint_positions`` (N, J), in the chain's units."""
-        return np.abs((joint_positions - self.joint_positions) / self._chain.units).max(axis=-1)
+        return np.abs((joint_positions - self.joint_positions) / self._chain.joint_units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
         """Returns joint positions (N, M, J), moved by whole turns towards the present positions.
@@ -203,7 +211,7 @@ class MotionPlanner:
         """
         turns = np.round((self.joint_positions[:, None] - joint_positions) / (2.0 * np.pi))
         turned = joint_positions + 2.0 * np.pi * turns
-        inside = (turned >= self._chain.lower) & (turned <= self._chain.upper)
+        inside = (turned >= self._chain.lower_limit) & (turned <= self._chain.upper_limit)
         return np.where(inside, turned, joint_positions)
 
     def _update(self) -> None:
@@ -223,7 +231,7 @@ class MotionPlanner:
 
     def _set_positions(self, joint_positions: FloatArray) -> None:
         self.joint_positions = joint_positions
-        self.pos_w, self.q_w = self.pose(joint_positions)
+        self.pos_w, self.q_w = self.tool_pose(joint_positions)
 
     def _within_limits(self, step: FloatArray) -> FloatArray:
         return step / np.maximum(1.0, np.abs(step / self._reach).max(axis=-1, keepdims=True))
@@ -232,7 +240,7 @@ class MotionPlanner:
 def _start_offsets(joints: int) -> FloatArray:
     """Returns the offsets (``IK_STARTS``, J) of the start poses from the present pose, in the chain's units."""
     others = random_streams.planner_start_generator().uniform(
-        -IK_SPREAD_RAD, IK_SPREAD_RAD, (IK_STARTS - 1, joints)
+        -MAX_IK_START_OFFSET_RAD, MAX_IK_START_OFFSET_RAD, (IK_STARTS - 1, joints)
     )
     return np.concatenate([np.zeros((1, joints)), others])
 

@@ -7,15 +7,15 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.tools import Tool
 from avrgym.simulation.worlds import State
-from avrgym.tasks.experts.head_clearance import clearance_shift_m, face_direction
+from avrgym.tasks.experts.head_clearance import clearance_shift_m, direction_into_face
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
 
-TIP_FIRST = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
-TURNED = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
-SIDEWAYS = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
-TURNS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST + TURNED + SIDEWAYS).T
+TIP_FIRST_POSES = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
+TURNED_POSES = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
+SIDEWAYS_POSES = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
+YAWS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST_POSES + TURNED_POSES + SIDEWAYS_POSES).T
 """Candidate spoon poses: yaw, pitch, roll and height above the mouth.
 
 The yaw is relative to the direction into the face, the roll is towards the lips.
@@ -24,16 +24,16 @@ PIECE_COST_S = 3.0
 """Cost of each piece of food that may remain outside the mouth."""
 FAILURE_COST_S = 10.0
 """Cost of a pose with too few pieces of food in the mouth for success."""
-SHIFT_M = 0.001
+FOOD_SHIFT_MARGIN_M = 0.001
 """Margin for food that slides on the spoon."""
 
 CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
 CLEARANCE_M = 0.002
 """Initial clearance of the spoon from the face."""
-CLOSER_STEP_M = 0.0005
+APPROACH_STEP_M = 0.0005
 """Distance that the spoon moves closer in a control step if too little food reaches the mouth."""
-GENTLE_FORCE_N = 4.0
+MAX_GENTLE_FORCE_N = 4.0
 """Contact force on the person at which the spoon moves no closer."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
@@ -47,19 +47,19 @@ class FeedingExpert:
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         self._tool, count = episodes.scene.tool, episodes.simulation.num_worlds
-        self._spare_pieces = (1.0 - SUCCESS_SHARE) * len(food_of(self._tool))
+        self._spare_pieces = (1.0 - SUCCESS_SHARE) * len(initial_food_positions(self._tool))
         self._clearance_m, self._arrived = np.full(count, CLEARANCE_M), np.zeros(count, dtype=bool)
         self._plan(episodes.state())
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         state, planner = self._episodes.state(), self._planner
-        self._arrived |= planner.distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
-        swing = planner.joint_step(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)
-        target = at_mouth(self._tool, state, self._q_w, self._rise_m, self._clearance_m)
-        there = self._arrived & (norm(target - planner.pos_w) < 2.0 * CLOSER_STEP_M)
-        self._clearance_m -= np.where(there & self._may_move_closer(state), CLOSER_STEP_M, 0.0)
-        into = planner.line_step(target, self._q_w, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S)
+        self._arrived |= planner.joint_distance_rad(self._before) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.step_in_joint_space(self._before, CARRY_SPEED_M_S, MAX_TILT_RAD)
+        target = spoon_pos_at_mouth_w(self._tool, state, self._q_w, self._rise_m, self._clearance_m)
+        there = self._arrived & (norm(target - planner.pos_w) < 2.0 * APPROACH_STEP_M)
+        self._clearance_m -= np.where(there & self._may_move_closer(state), APPROACH_STEP_M, 0.0)
+        into = planner.step_on_line(target, self._q_w, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
 
     def _plan(self, state: State) -> None:
@@ -67,32 +67,32 @@ class FeedingExpert:
         q_w = _spoon_q_w(state)
         pos_w = np.stack(
             [
-                at_mouth(self._tool, state, q_w[:, way], rise, self._clearance_m)
+                spoon_pos_at_mouth_w(self._tool, state, q_w[:, way], rise, self._clearance_m)
                 for way, rise in enumerate(HEIGHTS_M)
             ],
             axis=1,
         )
-        food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], food_of(self._tool))
+        food_w = pos_w[:, :, None] + transforms.rotate(q_w[:, :, None], initial_food_positions(self._tool))
         from_mouth = norm(food_w - state.mouth_pos_w[:, None, None])
-        in_doubt = (from_mouth > MOUTH_RADIUS_M - SHIFT_M).sum(axis=-1)
+        in_doubt = (from_mouth > MOUTH_RADIUS_M - FOOD_SHIFT_MARGIN_M).sum(axis=-1)
         failed = (from_mouth > MOUTH_RADIUS_M).sum(axis=-1) > self._spare_pieces
         before, seconds = self._planner.find_joint_positions(
-            pos_w - STANDOFF_M * face_direction(state)[:, None], q_w, MAX_TILT_RAD
+            pos_w - STANDOFF_M * direction_into_face(state)[:, None], q_w, MAX_TILT_RAD
         )
         cost = seconds + PIECE_COST_S * in_doubt + FAILURE_COST_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
         self._q_w, self._rise_m = q_w[world, best], HEIGHTS_M[best]
         self._before = before[world, best]
-        self._planner.posture = self._before
+        self._planner.preferred_posture = self._before
 
     def _may_move_closer(self, state: State) -> BoolArray:
         """Returns a boolean mask (N,) of worlds with too much food on the spoon and a small contact force."""
         on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
-        return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < GENTLE_FORCE_N)
+        return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < MAX_GENTLE_FORCE_N)
 
 
-def food_of(tool: Tool) -> FloatArray:
+def initial_food_positions(tool: Tool) -> FloatArray:
     """Returns the initial positions (K, 3) of the food in the spoon's frame."""
     assert tool.particles is not None
     return tool.particles.initial_pos
@@ -100,20 +100,20 @@ def food_of(tool: Tool) -> FloatArray:
 
 def _spoon_q_w(state: State) -> FloatArray:
     """Returns the spoon rotations (N, K, 4) of all candidates."""
-    into = face_direction(state)
+    into = direction_into_face(state)
     yaw = elementary.arctan2(into[:, 1], into[:, 0])[:, None]
-    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(TURNS_DEG))
+    turn = transforms.from_axis_angle([0.0, 0.0, 1.0], yaw + np.radians(YAWS_DEG))
     pitch = transforms.from_axis_angle([0.0, -1.0, 0.0], np.radians(PITCHES_DEG))
     roll = transforms.from_axis_angle([1.0, 0.0, 0.0], np.radians(ROLLS_DEG))
     return transforms.multiply(turn, transforms.multiply(pitch, roll))
 
 
-def at_mouth(
+def spoon_pos_at_mouth_w(
     tool: Tool, state: State, q_w: FloatArray, rise_m: FloatArray | float, clearance_m: FloatArray
 ) -> FloatArray:
     """Returns spoon positions (N, 3) in the middle of the mouth, or farther out if the clearance requires it."""
-    assert tool.outline is not None
+    assert tool.mouth_part_outline is not None
     pos_w = state.mouth_pos_w + np.multiply.outer(rise_m, UP)
-    outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.outline)
-    back = -face_direction(state)
+    outline_w = pos_w[:, None] + transforms.rotate(q_w[:, None], tool.mouth_part_outline)
+    back = -direction_into_face(state)
     return pos_w + clearance_shift_m(outline_w, back, state, clearance_m)[:, None] * back

@@ -7,14 +7,14 @@ from avrgym.geometry import elementary, transforms
 from avrgym.geometry.transforms import angle_between, norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.feedback import MAX_SPEED_M_S, ToolTarget, funnel_standoff_m, speed_m_s
-from avrgym.tasks.experts.head_clearance import face_direction
+from avrgym.tasks.experts.head_clearance import direction_into_face
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
 YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
 """Candidate yaw angles: tip first, or rotated towards the left side, which needs a smaller reach."""
-ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
+ROTATION_ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
 """Costs in metres: per radian of rotation error, and per radian of yaw."""
 
 
@@ -29,7 +29,7 @@ def feeding_target(
     The yaw is the one that the arm reaches best. The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of
     the mouth.
     """
-    into = face_direction(state)
+    into = direction_into_face(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
     back_m = np.maximum(
         funnel_standoff_m(goal_w - planner.pos_w, into, 0.005, expert.STANDOFF_M), standoff_from_mouth_m
@@ -53,11 +53,11 @@ def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> 
     costs_m: list[FloatArray] = []
     for turn in YAWS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
-        goal_w = expert.at_mouth(planner.scene.tool, state, q_w, 0.0, clearance_m)
-        reached_w, reached_q_w = planner.pose(
-            planner.joint_positions_at(goal_w, q_w, planner.joint_positions)
+        goal_w = expert.spoon_pos_at_mouth_w(planner.scene.tool, state, q_w, 0.0, clearance_m)
+        reached_w, reached_q_w = planner.tool_pose(
+            planner.solve_joint_positions(goal_w, q_w, planner.joint_positions)
         )
-        missed_m = norm(reached_w - goal_w) + ERROR_COST_M_RAD * angle_between(reached_q_w, q_w)
+        missed_m = norm(reached_w - goal_w) + ROTATION_ERROR_COST_M_RAD * angle_between(reached_q_w, q_w)
         costs_m.append(missed_m + YAW_COST_M_RAD * abs(turn))
         goals_w.append(goal_w)
         rotations_w.append(q_w)

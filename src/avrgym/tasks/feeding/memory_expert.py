@@ -20,7 +20,7 @@ MAX_STANDOFF_M = 0.06
 """Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. It is smaller at lower speeds."""
 
 
-class MemoryExpert:
+class FeedingMemoryExpert:
     """Acts like the feedback expert, but keeps a standoff while the mouth moves."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:

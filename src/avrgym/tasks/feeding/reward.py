@@ -8,11 +8,11 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
-from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M, Offset
+from avrgym.models.furniture import BOWL_BODY, TABLE_HEIGHT_M, PositionOffset
 from avrgym.models.human import People
 from avrgym.models.spoon import FOOD
 from avrgym.simulation.worlds import State
-from avrgym.tasks.particles import GROUND_M, check_count, count_events, particles_on_person
+from avrgym.tasks.particles import FLOOR_HEIGHT_M, check_particle_count, count_events, particles_on_person
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
@@ -55,14 +55,14 @@ def evaluate_step(
     state: State,
     action: FloatArray,
     task_state: FeedingState,
-    table_offset_m: Offset = (0.0, 0.0, 0.0),
+    table_offset_m: PositionOffset = (0.0, 0.0, 0.0),
 ) -> StepResult:
     """Returns the result of a step. Food within 2 cm of the mouth is eaten.
 
     Food below 0.5 m, on the table or in the bowl is dropped. Eaten food, and food on the floor, is removed from the
     scene.
     """
-    check_count(state, task_state.eaten)
+    check_particle_count(state, task_state.eaten)
     in_play = ~(task_state.eaten | task_state.dropped)
     newly_eaten = in_play & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     newly_dropped = in_play & ~newly_eaten & _is_dropped(state, table_offset_m)
@@ -82,23 +82,23 @@ def evaluate_step(
         "food_in_mouth": count_events(newly_eaten),
         "food_dropped": count_events(newly_dropped),
         "tool_speed_m_s": norm(state.tool_velocity_w),
-        "strong_tool_force_n": strong_tool_force(state),
+        "strong_tool_force_n": strong_tool_force_n(state),
         "links_force_n": state.links_force_n,
         "food_on_person": count_events(newly_on_person),
         "food_entry_speed_m_s": namespace(speed).where(newly_eaten, speed, 0.0).sum(axis=-1),
     }
     success = after.eaten.sum(axis=-1) >= SUCCESS_SHARE * after.eaten.shape[-1]
-    gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < GROUND_M))
+    gone = newly_eaten | (after.dropped & (state.particle_pos_w[..., 2] < FLOOR_HEIGHT_M))
     eaten = newly_eaten.sum(axis=-1)
     return StepResult(after, terms, distance, state.total_force_n, success, eaten, gone)
 
 
-def strong_tool_force(state: State) -> FloatArray:
+def strong_tool_force_n(state: State) -> FloatArray:
     """Returns the contact force (N,) of the tool on the person in newtons; 0 for forces below the limit."""
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 
-def _is_dropped(state: State, table_offset_m: Offset) -> BoolArray:
+def _is_dropped(state: State, table_offset_m: PositionOffset) -> BoolArray:
     pos = state.particle_pos_w
     from_table = pos - constant_like(np.array(table_offset_m), pos)
     low, high = constant_like(TABLE_LOW_M, pos), constant_like(TABLE_HIGH_M, pos)

@@ -8,11 +8,11 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import elementary, transforms
 from avrgym.geometry.arrays import constant_like
 from avrgym.geometry.transforms import norm
-from avrgym.models.scratcher import RADIUS_M
+from avrgym.models.scratcher import ROD_RADIUS_M
 from avrgym.simulation.worlds import State
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.person import LATERAL_AXES
-from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_pos_w, limb_frame
+from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, itch_limb_frame, itch_pos_w
 from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
@@ -27,17 +27,17 @@ TILT_COST_S_PER_RAD = 2.0
 SWING_SPEED_M_S, APPROACH_SPEED_M_S, RUB_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.05, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.05
 CONTACT_FORCE_N = 0.3
-NO_CONTACT_STEP_M = 0.004
+NO_CONTACT_DEPTH_STEP_M = 0.004
 """Increase of the depth in each control step without contact."""
 SEEK_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
-DETOUR_COST_S = 20.0
+MIN_DETOUR_COST_S = 20.0
 """Cost of a plan above which the tool first makes a detour: to a point in front of the wrist and above it."""
 DETOUR_STEPS = 50
 """Number of control steps of the detour. Then the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
-ROD = (1.0, 0.0, 0.0)
+ROD_DIRECTION = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M = np.array([0.014, 0.009])
 """Half axes of the tip's elliptic path around the itch: along and across the limb."""
@@ -48,13 +48,15 @@ LOOKAHEAD_RAD = np.radians(75.0)
 class ForceControl(NamedTuple):
     """Force control of the tip: target force, depth step per newton of force error, and limits of the depth step."""
 
-    force_n: float
+    target_force_n: float
     gain_m_n: float
-    min_step_m: float
-    max_step_m: float
+    min_depth_step_m: float
+    max_depth_step_m: float
 
 
-FORCE_CONTROL = ForceControl(force_n=3.0, gain_m_n=0.0005, min_step_m=-0.002, max_step_m=0.001)
+FORCE_CONTROL = ForceControl(
+    target_force_n=3.0, gain_m_n=0.0005, min_depth_step_m=-0.002, max_depth_step_m=0.001
+)
 
 
 class ScratchItchExpert:
@@ -68,9 +70,9 @@ class ScratchItchExpert:
         self._arrived, self._touched = np.zeros((2, count), dtype=bool)
         self._q_limb, self._before = np.zeros((count, 4)), np.zeros_like(self._planner.joint_positions)
         self._steps = 0
-        hard = self._plan(np.ones(count, dtype=bool)) > DETOUR_COST_S
+        hard = self._plan(np.ones(count, dtype=bool)) > MIN_DETOUR_COST_S
         self._detour_positions, cost_s = find_detour(self._planner, episodes.state())
-        self._detour = hard & (cost_s < DETOUR_COST_S)
+        self._detour = hard & (cost_s < MIN_DETOUR_COST_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         planner = self._planner
@@ -79,24 +81,24 @@ class ScratchItchExpert:
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
         goal = np.where(self._detour[:, None], self._detour_positions, self._before)
-        swing = planner.joint_step(goal, SWING_SPEED_M_S, np.pi)
-        there = planner.distance_rad(goal) < ARRIVAL_TOLERANCE_RAD
+        swing = planner.step_in_joint_space(goal, SWING_SPEED_M_S, np.pi)
+        there = planner.joint_distance_rad(goal) < ARRIVAL_TOLERANCE_RAD
         self._arrived |= there & ~self._detour
         tip_w, q_w = self._rub()
         speed = np.where(self._touched, RUB_SPEED_M_S, APPROACH_SPEED_M_S)
-        straight = planner.line_step(tip_w, q_w, speed, TURN_SPEED_RAD_S)
+        straight = planner.step_on_line(tip_w, q_w, speed, TURN_SPEED_RAD_S)
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], straight, swing))
 
     def _rub(self) -> tuple[FloatArray, FloatArray]:
         """Returns the next tip position (N, 3) and rod rotation (N, 4)."""
         state, task_state = self._episodes.state(), self._episodes.task_state
-        _, limb_q_w = limb_frame(state, task_state)
-        out, _ = surface(task_state, limb_q_w)
+        _, limb_q_w = itch_limb_frame(state, task_state)
+        out, _ = skin_directions_w(task_state, limb_q_w)
         q_w = transforms.multiply(limb_q_w, self._q_limb)
-        rod_w = transforms.rotate(q_w, ROD)
+        rod_w = transforms.rotate(q_w, ROD_DIRECTION)
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > CONTACT_FORCE_N)))
-        inside_w = tip(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
+        inside_w = tip_pos_w(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
         rubbed_w = rubbing_target(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
@@ -109,22 +111,22 @@ class ScratchItchExpert:
             Cost of the path (N,), seconds.
         """
         state, task_state = self._episodes.state(), self._episodes.task_state
-        _, limb_q_w = limb_frame(state, task_state)
-        out, along = surface(task_state, limb_q_w)
+        _, limb_q_w = itch_limb_frame(state, task_state)
+        out, along = skin_directions_w(task_state, limb_q_w)
         into, tilt = _ways(out, along)
-        here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD)[:, None], into.shape)
+        here = np.broadcast_to(transforms.rotate(state.tool_q_w, ROD_DIRECTION)[:, None], into.shape)
         q_w = transforms.multiply(_turn(here, into), state.tool_q_w[:, None])
-        tip_w = tip(itch_pos_w(state, task_state)[:, None], out[:, None], into)
+        tip_w = tip_pos_w(itch_pos_w(state, task_state)[:, None], out[:, None], into)
         angles, cost_s = self._planner.find_joint_positions(tip_w, q_w)
         world, best = np.arange(len(out)), (cost_s + TILT_COST_S_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
         angles = angles[world, best]
-        before = self._planner.joint_positions_at(tip_w - STANDOFF_M * into, q_w, angles)
+        before = self._planner.solve_joint_positions(tip_w - STANDOFF_M * into, q_w, angles)
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
         self._before = np.where(new, before, self._before)
-        self._planner.posture = np.where(new, angles, self._planner.posture)
+        self._planner.preferred_posture = np.where(new, angles, self._planner.preferred_posture)
         return cost_s[world, best]
 
 
@@ -156,23 +158,25 @@ def rubbing_target(
         rod_w: rod direction, unit vectors (N, 3), world frame.
         press: force control.
     """
-    _, limb_q_w = limb_frame(state, task_state)
-    out, along = surface(task_state, limb_q_w)
+    _, limb_q_w = itch_limb_frame(state, task_state)
+    out, along = skin_directions_w(task_state, limb_q_w)
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
-    middle_w = tip(itch_pos_w(state, task_state), out, rod_w)
+    middle_w = tip_pos_w(itch_pos_w(state, task_state), out, rod_w)
     offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_HALF_AXES_M
     angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + LOOKAHEAD_RAD
     ahead = LOOP_HALF_AXES_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
     deeper = np.clip(
-        press.gain_m_n * (press.force_n - state.tool_force_n), press.min_step_m, press.max_step_m
+        press.gain_m_n * (press.target_force_n - state.tool_force_n),
+        press.min_depth_step_m,
+        press.max_depth_step_m,
     )
-    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_STEP_M)
+    deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_DEPTH_STEP_M)
     height = ((pos_w - next_w) * out).sum(axis=-1) - deeper
     return next_w + height[:, None] * out
 
 
-def surface(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+def skin_directions_w(task_state: ScratchItchState, limb_q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns unit vectors (N, 3) at the itch in the world frame: skin normal, and direction along the limb."""
     out = transforms.normalize(task_state.itch * constant_like(LATERAL_AXES, task_state.itch))
     return transforms.rotate(limb_q_w, out), transforms.rotate(limb_q_w, [0.0, 0.0, 1.0])
@@ -187,12 +191,12 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, TILT_DIRECTIONS)])
 
 
-def tip(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
+def tip_pos_w(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
     """Returns the position (..., 3) of the tip of a rod with direction ``into`` that touches the skin at ``skin_w``.
 
     The end of the rod is round.
     """
-    return skin_w + RADIUS_M * (out + into)
+    return skin_w + ROD_RADIUS_M * (out + into)
 
 
 def _turn(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -11,9 +11,9 @@ from avrgym.tasks.bed_bathing.expert import FOREARM
 from avrgym.tasks.experts.feedback import ToolTarget, speed_m_s, standoff_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.scratch_itch import expert
-from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_pos_w, limb_frame
+from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_limb_frame, itch_pos_w
 
-Range = tuple[float, float]
+BlendRange = tuple[float, float]
 
 MAX_HAND_ANGLE_RAD = 1.2
 """Maximum angle between the hand's direction and the skin normal."""
@@ -26,11 +26,11 @@ The component to the person's right is 1.
 """
 NORMAL_WEIGHT = 0.5
 """Weight of the skin normal in the hand's direction, see ``hand``."""
-SIDE_CHANGE_HEIGHT = -0.35
+SIDE_CHANGE_NORMAL_Z = -0.35
 """Vertical component of the skin normal at which the hand changes from above to below the arm."""
 SIDE_CHANGE_WIDTH = 0.17
 """Width of this transition, in units of the vertical component."""
-FRONT_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
+FRONT_DIRECTION_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 """Direction with clearance for a hand in front of the person; world frame."""
 FRONT_MAX_HAND_ANGLE_RAD = 1.0
 """``MAX_HAND_ANGLE_RAD`` for a hand in front of the person."""
@@ -40,7 +40,7 @@ INWARD_RANGE = (0.6, 0.85)
 """Range of the skin normal's x component over which the hand changes to the front. The skin faces left."""
 NOT_DOWNWARD_RANGE = (-0.5, -0.3)
 """Range of the skin normal's z component over which the hand changes to the front. The skin does not face down."""
-ROTATION_RANGE_RAD = (0.2, 0.6)
+REMAINING_ROTATION_RANGE_RAD = (0.2, 0.6)
 """Range of the remaining rotation of a hand in front of the person.
 
 Below the range the hand approaches the itch. Above the range it waits in front of the wrist.
@@ -53,13 +53,15 @@ MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
 """Speed of the tip on the skin."""
-FORCE_CONTROL = expert.ForceControl(force_n=2.5, gain_m_n=0.0008, min_step_m=-0.006, max_step_m=0.001)
+FORCE_CONTROL = expert.ForceControl(
+    target_force_n=2.5, gain_m_n=0.0008, min_depth_step_m=-0.006, max_depth_step_m=0.001
+)
 """Force control of the tip. The depth increases slowly and decreases quickly."""
 MAX_LINK_FORCE_N = 5.0
 """Force of the links on the person above which the arm withdraws."""
-DRAW_BACK_M = 0.03
+WITHDRAWAL_DISTANCE_M = 0.03
 """Distance of this withdrawal."""
-DRAW_BACK_SPEED_M_S = 0.3
+WITHDRAWAL_SPEED_M_S = 0.3
 """Speed of this withdrawal."""
 
 
@@ -70,36 +72,40 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
     robot on the floor is thicker and would touch the person, see ``memory_expert``. If links press on the person, the
     arm withdraws.
     """
-    out_w, _ = expert.surface(task_state, limb_frame(state, task_state)[1])
-    return blended_target(state, task_state, planner, front_share(out_w) * (not planner.scene.mount.on_floor))
+    out_w, _ = expert.skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
+    return blended_target(
+        state, task_state, planner, front_approach_share(out_w) * (not planner.scene.mount.on_floor)
+    )
 
 
 def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
     """Returns the target of ``scratching_target``, blended with an approach from the front by a share (N,)."""
-    limb_pos_w, limb_q_w = limb_frame(state, task_state)
-    out_w, _ = expert.surface(task_state, limb_q_w)
-    rod_w = transforms.rotate(planner.q_w, expert.ROD)
+    limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
+    out_w, _ = expert.skin_directions_w(task_state, limb_q_w)
+    rod_w = transforms.rotate(planner.q_w, expert.ROD_DIRECTION)
     turn_w = hand_rotation_rad(rod_w, out_w, in_front)
     q_w = transforms.multiply(transforms.from_rotation_vector(turn_w), planner.q_w)
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, tip_target_around_limb(tool, task_state))
-    goal_w = expert.tip(skin_w, out_w, rod_w)
-    waits = (in_front * np.interp(norm(turn_w), ROTATION_RANGE_RAD, ZERO_TO_ONE))[:, None]
+    goal_w = expert.tip_pos_w(skin_w, out_w, rod_w)
+    waits = (in_front * np.interp(norm(turn_w), REMAINING_ROTATION_RANGE_RAD, ZERO_TO_ONE))[:, None]
     goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M - goal_w)
-    itch_w = expert.tip(itch_pos_w(state, task_state), out_w, rod_w)
+    itch_w = expert.tip_pos_w(itch_pos_w(state, task_state), out_w, rod_w)
     rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
     rubbed_w = expert.rubbing_target(state, task_state, planner.pos_w, rod_w, FORCE_CONTROL)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_SPEED_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.APPROACH_SPEED_M_S))
     leans = state.links_force_n > MAX_LINK_FORCE_N
-    pos_w = np.where(leans[:, None], planner.pos_w + DRAW_BACK_M * hand(out_w, in_front), pos_w)
-    return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, DRAW_BACK_SPEED_M_S, speed)
+    pos_w = np.where(
+        leans[:, None], planner.pos_w + WITHDRAWAL_DISTANCE_M * hand_direction_w(out_w, in_front), pos_w
+    )
+    return pos_w, np.where(leans[:, None], planner.q_w, q_w), np.where(leans, WITHDRAWAL_SPEED_M_S, speed)
 
 
-def front_share(
-    out_w: FloatArray, inwards: Range = INWARD_RANGE, not_down: Range = NOT_DOWNWARD_RANGE
+def front_approach_share(
+    out_w: FloatArray, inwards: BlendRange = INWARD_RANGE, not_down: BlendRange = NOT_DOWNWARD_RANGE
 ) -> FloatArray:
     """Returns the share (N,) of the approach from the front for skin normals (N, 3) in the world frame.
 
@@ -116,12 +122,12 @@ def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray
         out_w: skin normal at the itch, unit vectors (N, 3), world frame.
         in_front: see ``hand``.
     """
-    axis, angle = _turn(rod_w, -hand(out_w, in_front))
+    axis, angle = _turn(rod_w, -hand_direction_w(out_w, in_front))
     askew_rad = MAX_ROD_ANGLE_RAD + in_front * (FRONT_MAX_ROD_ANGLE_RAD - MAX_ROD_ANGLE_RAD)
     return axis * namespace(angle).maximum(angle - askew_rad, 0.0)[:, None]
 
 
-def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
+def hand_direction_w(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     """Returns the preferred direction (N, 3) of the hand from the itch, for skin normals (N, 3); world frame.
 
     This is the skin normal, rotated towards free space on the person's right. For skin that faces up it is also rotated
@@ -129,11 +135,11 @@ def hand(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
     direction to the front, over the lap.
     """
     xp = namespace(out_w)
-    above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_HEIGHT) / SIDE_CHANGE_WIDTH)
+    above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_NORMAL_Z) / SIDE_CHANGE_WIDTH)
     right, forwards = xp.ones_like(above), CLEARANCE_FORWARD + NORMAL_WEIGHT * (above - out_w[:, 1])
     room_w = xp.stack([-right, -forwards, CLEARANCE_UP + NORMAL_WEIGHT * above], axis=-1)
     share = (in_front + xp.zeros_like(above))[:, None]
-    room_w = (1.0 - share) * transforms.normalize(room_w) + share * constant_like(FRONT_W, out_w)
+    room_w = (1.0 - share) * transforms.normalize(room_w) + share * constant_like(FRONT_DIRECTION_W, out_w)
     axis, angle = _turn(out_w, room_w)
     slant_rad = MAX_HAND_ANGLE_RAD + in_front * (FRONT_MAX_HAND_ANGLE_RAD - MAX_HAND_ANGLE_RAD)
     return transforms.rotate(transforms.from_axis_angle(axis, xp.minimum(angle, slant_rad)), out_w)

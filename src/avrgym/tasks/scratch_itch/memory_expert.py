@@ -11,27 +11,36 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, FeedbackExpert, FeedbackPlanner
-from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, surface
-from avrgym.tasks.scratch_itch.feedback_expert import Range, blended_target, front_share, scratching_target
-from avrgym.tasks.scratch_itch.reward import limb_frame
+from avrgym.tasks.scratch_itch.expert import SWING_SPEED_M_S, skin_directions_w
+from avrgym.tasks.scratch_itch.feedback_expert import (
+    BlendRange,
+    blended_target,
+    front_approach_share,
+    scratching_target,
+)
+from avrgym.tasks.scratch_itch.reward import itch_limb_frame
 from avrgym.tasks.task import Controller, RunningEpisodes
 
 
-class Swing(NamedTuple):
+class SwingMotion(NamedTuple):
     """A swing to the front: a fixed joint-space motion.
 
-    ``displacement`` (J,) are joint displacements. ``inwards`` and ``not_down`` are ranges of the skin normals for which
-    the swing is used, see ``front_share``.
+    ``displacement`` (J,) are joint displacements. ``inwards`` and ``not_downward_range`` are ranges of the skin normals
+    for which the swing is used, see ``front_approach_share``.
     """
 
-    displacement: tuple[float, ...]
-    inwards: Range
-    not_down: Range
+    joint_displacements: tuple[float, ...]
+    inward_range: BlendRange
+    not_downward_range: BlendRange
 
 
 SWINGS = {
-    "Jaco": Swing((-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inwards=(0.5, 0.8), not_down=(-0.8, -0.6)),
-    "PR2": Swing((-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inwards=(0.3, 0.6), not_down=(-0.7, -0.5)),
+    "Jaco": SwingMotion(
+        (-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inward_range=(0.5, 0.8), not_downward_range=(-0.8, -0.6)
+    ),
+    "PR2": SwingMotion(
+        (-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inward_range=(0.3, 0.6), not_downward_range=(-0.7, -0.5)
+    ),
 }
 """Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
 SWING_THRESHOLD = 0.5
@@ -40,7 +49,7 @@ SWING_COMPLETE_SHARE = 0.85
 """Share of the swing after which the swing is complete."""
 
 
-def memory_expert(episodes: RunningEpisodes) -> Controller:
+def make_memory_expert(episodes: RunningEpisodes) -> Controller:
     """Returns the expert with a swing to the front for robots in ``SWINGS``, otherwise the feedback expert."""
     swing = SWINGS.get(episodes.scene.robot.name)
     return FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFront(episodes, swing)
@@ -49,11 +58,11 @@ def memory_expert(episodes: RunningEpisodes) -> Controller:
 class SwingToFront:
     """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
 
-    def __init__(self, episodes: RunningEpisodes, swing: Swing) -> None:
+    def __init__(self, episodes: RunningEpisodes, swing: SwingMotion) -> None:
         """Start at the present poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         self._swing, self._first = swing, self._planner.joint_positions
-        self._way = np.array(swing.displacement)
+        self._way = np.array(swing.joint_displacements)
         self._swung = np.zeros(len(self._first), dtype=bool)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
@@ -61,13 +70,13 @@ class SwingToFront:
         planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
         planner.reset_posture()
         self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
-        out_w, _ = surface(task_state, limb_frame(state, task_state)[1])
-        in_front = front_share(out_w, self._swing.inwards, self._swing.not_down)
+        out_w, _ = skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
+        in_front = front_approach_share(out_w, self._swing.inward_range, self._swing.not_downward_range)
         pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
-        joint_positions = planner.line_step(pos_w, q_w, speed, TURN_SPEED_RAD_S)
+        joint_positions = planner.step_on_line(pos_w, q_w, speed, TURN_SPEED_RAD_S)
         swings = (in_front > SWING_THRESHOLD) & ~self._swung
         if swings.any():
-            swing = planner.joint_step(self._first + self._way, SWING_SPEED_M_S, np.pi)
+            swing = planner.step_in_joint_space(self._first + self._way, SWING_SPEED_M_S, np.pi)
             joint_positions = np.where(swings[:, None], swing, joint_positions)
         return planner.action_to_joint_positions(joint_positions)
 

@@ -11,8 +11,8 @@ from avrgym.geometry.arrays import constant_like, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
-from avrgym.simulation.worlds import RightArm, State
-from avrgym.tasks.person import LIMBS, STRONG_FORCE_N, force_above_limit
+from avrgym.simulation.worlds import RightArmPoses, State
+from avrgym.tasks.person import COMFORT_FORCE_LIMIT_N, RIGHT_ARM_LIMBS, force_above_limit
 from avrgym.tasks.task import StepResult
 
 ITCH_RADIUS_M = 0.025
@@ -45,7 +45,7 @@ class ScratchItchState:
     """The itch, and the scratches up to the present step.
 
     Attributes:
-        limb: index in ``LIMBS`` (N,).
+        limb: index in ``RIGHT_ARM_LIMBS`` (N,).
         itch, last_scratch: positions in the frame of the limb (N, 3), metres.
         scratches: number of scratches (N,).
     """
@@ -63,8 +63,8 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
     """
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
-    layout = human.layout_of_people(people)
-    sizes = xp.stack([layout.geom_size[name] for name in LIMBS], axis=1)[row_indices(limb), limb]
+    layout = human.body_layout_of_people(people)
+    sizes = xp.stack([layout.geom_size[name] for name in RIGHT_ARM_LIMBS], axis=1)[row_indices(limb), limb]
     radius, length = sizes[:, 0], 2.0 * sizes[:, 1]
     along = length * (
         ITCH_POSITION_RANGE[0] + (ITCH_POSITION_RANGE[1] - ITCH_POSITION_RANGE[0]) * uniforms[:, 4]
@@ -84,7 +84,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
     xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)
     moved = norm(place - task_state.last_scratch) > MIN_STROKE_M
-    scratch = (force_n > 0.0) & (force_n < STRONG_FORCE_N) & (moved | (task_state.scratches == 0))
+    scratch = (force_n > 0.0) & (force_n < COMFORT_FORCE_LIMIT_N) & (moved | (task_state.scratches == 0))
     after = ScratchItchState(
         task_state.limb,
         task_state.itch,
@@ -110,11 +110,11 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
 
 def itch_pos_w(state: State, task_state: ScratchItchState) -> FloatArray:
     """Returns the position (N, 3) of the itch in the world frame."""
-    limb_pos_w, limb_q_w = limb_frame(state, task_state)
+    limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
     return limb_pos_w + transforms.rotate(limb_q_w, task_state.itch)
 
 
-def limb_frame(arm: RightArm, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
+def itch_limb_frame(arm: RightArmPoses, task_state: ScratchItchState) -> tuple[FloatArray, FloatArray]:
     """Returns position (N, 3) and rotation (N, 4) of the limb with the itch, in the world frame."""
     worlds = row_indices(task_state.limb)
     return arm.right_arm_pos_w[worlds, task_state.limb], arm.right_arm_q_w[worlds, task_state.limb]
@@ -130,5 +130,5 @@ def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tu
     forces = xp.where(near, state.tool_contact_force_n, 0.0)
     force_n = forces.sum(axis=-1)
     place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / xp.maximum(force_n, 1e-9)[:, None]
-    limb_pos_w, limb_q_w = limb_frame(state, task_state)
+    limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
     return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)

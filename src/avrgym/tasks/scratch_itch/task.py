@@ -14,33 +14,33 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import RightArm, Start
+from avrgym.simulation.worlds import InitialState, RightArmPoses
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert
 from avrgym.tasks.observation import Observation, goal_offset_entry, position_entry
 from avrgym.tasks.person import ARM_SPREAD_RAD, move_above_sleeve
-from avrgym.tasks.scratch_itch.detour import around_arm_m
+from avrgym.tasks.scratch_itch.detour import tool_and_hand_detour_m
 from avrgym.tasks.scratch_itch.expert import ScratchItchExpert
 from avrgym.tasks.scratch_itch.feedback_expert import scratching_target
-from avrgym.tasks.scratch_itch.memory_expert import memory_expert
+from avrgym.tasks.scratch_itch.memory_expert import make_memory_expert
 from avrgym.tasks.scratch_itch.reward import (
     WEIGHTS,
     ScratchItchState,
     evaluate_step,
     init_state,
+    itch_limb_frame,
     itch_pos_w,
-    limb_frame,
 )
 from avrgym.tasks.task import Marks, Task, View, Views
 
-HAND_OFFSET_M, MOBILE_HAND_OFFSET_M = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
-HAND_SPREAD_M = 0.05
-SCRATCHER_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
+HAND_START_POS_W, MOBILE_HAND_START_POS_W = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
+MAX_HAND_OFFSET_M = 0.05
+SCRATCHER_START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 """Initial rotation of the scratcher. It points 45° upwards to the person's shoulder, past the elbow."""
 
-POSE = Pose(
-    rest_rad=human.joint_angles(right_shoulder_y=30.0),
+INITIAL_POSE = Pose(
+    rest_rad=human.seated_joint_angles(right_shoulder_y=30.0),
     spread_rad=ARM_SPREAD_RAD,
 )
 """Seated, the right arm abducted by 30°, each of its joints within ±10° (paper, section V; reference)."""
@@ -53,16 +53,16 @@ def scene(robot: Robot) -> SceneConfig:
     )
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the robot's hand within ±5 cm of a point next to the elbow.
 
     The goals of the base search are shoulder, elbow and wrist.
     """
-    place = MOBILE_HAND_OFFSET_M if scene.mount.on_floor else HAND_OFFSET_M
-    hand = constant_like(np.array(place), uniforms) + HAND_SPREAD_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    tool, tool_q = placement.tool_pose_in_hand(scene, hand, SCRATCHER_Q_W)
+    place = MOBILE_HAND_START_POS_W if scene.mount.on_floor else HAND_START_POS_W
+    hand = constant_like(np.array(place), uniforms) + MAX_HAND_OFFSET_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    tool, tool_q = placement.tool_pose_in_hand(scene, hand, SCRATCHER_START_Q_W)
     goals = placement.right_arm_joints_w(people, scene.posture)
-    goals_q = namespace(goals).tile(constant_like(SCRATCHER_Q_W, goals), (*goals.shape[:2], 1))
+    goals_q = namespace(goals).tile(constant_like(SCRATCHER_START_Q_W, goals), (*goals.shape[:2], 1))
     return placement.find_start(scene, people, {}, tool, tool_q, goals, goals_q, uniforms[:, 6:])
 
 
@@ -85,23 +85,23 @@ def observation(scene: SceneConfig) -> Observation:
     )
 
 
-def marks_w(arm: RightArm, task_state: ScratchItchState) -> FloatArray:
+def marker_positions_w(arm: RightArmPoses, task_state: ScratchItchState) -> FloatArray:
     """Returns the position (N, 1, 3) of the itch's marker in the world frame."""
-    limb_pos_w, limb_q_w = limb_frame(arm, task_state)
+    limb_pos_w, limb_q_w = itch_limb_frame(arm, task_state)
     return (limb_pos_w + transforms.rotate(limb_q_w, move_above_sleeve(task_state.itch)))[:, None]
 
 
-MARKS = Marks(
+ITCH_MARKER = Marks(
     count=1,
     radius_m=0.008,
     rgb=(0.85, 0.10, 0.12),
-    places=marks_w,
+    places=marker_positions_w,
 )
 
 SCRATCH_ITCH = Task(
     name="ScratchItch",
     goal="Get the itch on your right arm scratched.",
-    pose=POSE,
+    pose=INITIAL_POSE,
     offered="arm",
     scene=scene,
     num_uniforms=6 + placement.NUM_UNIFORMS,
@@ -116,8 +116,8 @@ SCRATCH_ITCH = Task(
         mounted=View((-0.20, -0.18, 0.88), 1.75, 62.0, -28.0),
         on_floor=View((-0.35, -0.20, 0.95), 2.1, 100.0, -26.0),
     ),
-    memory_expert=memory_expert,
-    detour_m=around_arm_m,
-    marks=MARKS,
+    memory_expert=make_memory_expert,
+    detour_m=tool_and_hand_detour_m,
+    marks=ITCH_MARKER,
     tracked=("head", "right"),
 )

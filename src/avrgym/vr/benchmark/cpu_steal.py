@@ -20,14 +20,14 @@ SLEEP_S = 0.001
 """Duration of a sleep of the monitoring process."""
 STEAL_THRESHOLD_S = 0.001
 """Maximum delay of a sleep by the operating system. A longer delay is CPU steal."""
-PRIORITY = 50
+MONITOR_PRIORITY = 50
 """Real-time priority of the monitoring process, 1 to 99. It is higher than that of the simulation."""
 
-Span = tuple[float, float]
+TimeSpan = tuple[float, float]
 """A period: its start and end in seconds, on the system's monotonic clock."""
 
 
-class CpuSteal:
+class CpuStealMonitor:
     """Context manager that monitors CPU steal on every processor.
 
     At its exit, ``spans`` are the periods in which a processor was stopped, sorted and disjoint. Monitoring needs
@@ -35,11 +35,11 @@ class CpuSteal:
     """
 
     def __init__(self) -> None:
-        self.spans: list[Span] | None = None
+        self.steal_spans: list[TimeSpan] | None = None
         self._watchers: list[Connection] = []
         self._processes = ExitStack()
 
-    def __enter__(self) -> "CpuSteal":
+    def __enter__(self) -> "CpuStealMonitor":
         processors = sorted(os.sched_getaffinity(0)) if sys.platform == "linux" else []
         context = multiprocessing.get_context("spawn")
         for processor in processors:
@@ -57,10 +57,10 @@ class CpuSteal:
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
         seen = self._end()
-        self.spans = merge_spans(seen) if self._watchers else None
+        self.steal_spans = merge_spans(seen) if self._watchers else None
 
-    def _end(self) -> list[Span]:
-        spans: list[Span] = []
+    def _end(self) -> list[TimeSpan]:
+        spans: list[TimeSpan] = []
         for watcher in self._watchers:
             watcher.send(True)
             spans += watcher.recv()
@@ -74,7 +74,7 @@ def monitor_processor(processor: int, end: Connection) -> None:
     Sends to ``end`` whether the system allows monitoring. When a message arrives from ``end``, sends the periods in
     which the processor was stopped, and exits.
     """
-    spans: list[Span] = []
+    spans: list[TimeSpan] = []
     allowed = _keep_to(processor)
     end.send(allowed)
     before_s = time.monotonic()
@@ -91,15 +91,15 @@ def _keep_to(processor: int) -> bool:
     """Runs this process on one processor with real-time priority. Returns whether the system allows this."""
     try:
         os.sched_setaffinity(0, {processor})
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(MONITOR_PRIORITY))
     except OSError:
         return False
     return True
 
 
-def merge_spans(spans: list[Span]) -> list[Span]:
+def merge_spans(spans: list[TimeSpan]) -> list[TimeSpan]:
     """Merges overlapping periods. Returns sorted, disjoint periods."""
-    apart: list[Span] = []
+    apart: list[TimeSpan] = []
     for began_s, ended_s in sorted(spans):
         if apart and began_s <= apart[-1][1]:
             apart[-1] = apart[-1][0], max(apart[-1][1], ended_s)
@@ -108,12 +108,12 @@ def merge_spans(spans: list[Span]) -> list[Span]:
     return apart
 
 
-def overlap_s(spans: list[Span], began_s: float, ended_s: float) -> float:
+def overlap_s(spans: list[TimeSpan], began_s: float, ended_s: float) -> float:
     """Returns the total overlap, in seconds, of disjoint spans and the period from ``began_s`` to ``ended_s``."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
-def has_no_overlap(spans: list[Span], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
+def overlaps_no_span(spans: list[TimeSpan], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
     """Returns a mask (n,) of the periods from ``began_s`` to ``ended_s`` (n,) that overlap no span.
 
     The spans are sorted and disjoint.

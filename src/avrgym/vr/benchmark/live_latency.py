@@ -20,15 +20,15 @@ import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.array_types import FloatArray
-from avrgym.policies.registry import find
+from avrgym.policies.registry import resolve_policy
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import observation_and_action_size
-from avrgym.vr.benchmark.cpu_steal import CpuSteal, Span, has_no_overlap, overlap_s
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.benchmark.cpu_steal import CpuStealMonitor, TimeSpan, overlap_s, overlaps_no_span
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Received
+from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.real_time_loop import LateTick, RealTimeLoop
 from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
@@ -38,9 +38,9 @@ TRACKING_HZ = 90.0
 """Rate of the client's tracking frames."""
 HIDDEN_UNITS = 64
 """Number of units in each of the two hidden layers of the untrained network."""
-POLICY = "measured"
+POLICY_NAME = "measured"
 """Name of the measured policy in the session's plan."""
-TIMEOUT_S = 120.0
+CLIENT_TIMEOUT_S = 120.0
 """Maximum duration of the session in addition to the trial."""
 STEAL_COLUMN = 8
 """Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
@@ -87,7 +87,7 @@ class LiveLatencyResult:
     stolen_s: float
 
 
-def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
+def measure_live_latency(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
     """Measures the latency in a trial of ``seconds`` in one environment. Returns the results.
 
     ``policy``: a name as in ``policies.registry.find``; ``None``: an untrained network.
@@ -97,8 +97,8 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
         ServerError: if the client is not built.
         RuntimeError: if the trial does not start or does not end.
     """
-    found = _untrained(environment_id) if policy is None else find(policy, environment_id)
-    plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY): found}
+    found = _untrained(environment_id) if policy is None else resolve_policy(policy, environment_id)
+    plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY_NAME): found}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as workers:
         times = _Times()
 
@@ -108,10 +108,10 @@ def measure_vr(environment_id: str, seconds: float, policy: str | None = None) -
         with LiveServer(make, "127.0.0.1", 0) as server:
             times.watch(server.loop)
             before_s = _stolen_s()
-            with CpuSteal() as cpu_steal:
+            with CpuStealMonitor() as cpu_steal:
                 trips = _attend(server, seconds)
-            times.stolen_s, times.stood_still = _stolen_s() - before_s, cpu_steal.spans
-            times.late = list(server.loop.late)
+            times.stolen_s, times.stood_still = _stolen_s() - before_s, cpu_steal.steal_spans
+            times.late = list(server.loop.late_ticks)
     return _sum_up(environment_id, times, trips)
 
 
@@ -124,7 +124,7 @@ def _stolen_s() -> float:
 
 
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
-    trial = TrialPlan(environment_id, POLICY, seed=0, practice=True)
+    trial = TrialPlan(environment_id, POLICY_NAME, seed=0, practice=True)
     steps = round(seconds * 10) + 1
     return SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=steps, countdown_s=0.5)
 
@@ -156,14 +156,14 @@ class _Times:
         self.took: list[float] = []
         self.computed: list[float] = []
         self.late: list[LateTick] = []
-        self.stood_still: list[Span] | None = None
+        self.stood_still: list[TimeSpan] | None = None
         self.stolen_s = 0.0
 
     def watch(self, loop: RealTimeLoop[Session]) -> None:
         """Starts to store the times at which tracking frames reach a loop's inbox."""
         post = loop.post
 
-        def note(message: Received) -> None:
+        def note(message: ReceivedMessage) -> None:
             if isinstance(message, messages.Tracking):
                 self.arrived[message.sequence] = time.monotonic()
             post(message)
@@ -185,26 +185,26 @@ class _TimedSession(Session):
         plan: SessionPlan,
         policies: Policies,
         folder: Path,
-        send: messages.Send,
+        send: messages.SendMessage,
         workers: ThreadPoolExecutor,
         times: _Times,
     ) -> None:
         self._times = times
 
-        def send_noted(message: messages.Sent) -> None:
+        def send_noted(message: messages.SentMessage) -> None:
             if isinstance(message, messages.State):
                 times.answered.setdefault(message.tracking_sequence, time.monotonic())
             send(message)
 
         super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         if isinstance(message, messages.Tracking):
             self._times.taken[message.sequence] = time.monotonic()
         super().receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
-        began, computed_before, driving = time.monotonic(), time.thread_time(), self.phase == "trial"
+        began, computed_before, driving = time.monotonic(), time.thread_time(), self.phase_name == "trial"
         super().tick(now_s)
         if driving:
             self._times.note_tick(began, time.thread_time() - computed_before)
@@ -230,14 +230,14 @@ def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
         client.start()
     there.close()  # the end of the process is then detected here
     try:
-        if not here.poll(seconds + TIMEOUT_S):
+        if not here.poll(seconds + CLIENT_TIMEOUT_S):
             raise RuntimeError(
-                f"the trial did not end within {seconds + TIMEOUT_S:.0f} s; the session is in phase "
-                f"{server.session.phase}"
+                f"the trial did not end within {seconds + CLIENT_TIMEOUT_S:.0f} s; the session is in phase "
+                f"{server.session.phase_name}"
             )
         return here.recv()
     except EOFError:
-        phase = server.session.phase
+        phase = server.session.phase_name
         raise RuntimeError(
             f"the client ended in phase {phase}, before the trial; its error is printed above"
         ) from None
@@ -250,7 +250,9 @@ def run_client(url: str, token: str, environment_id: str, results: Connection) -
     """Main function of the client's process: calibrates, sends tracking frames, and sends the round trips to
     ``results``."""
     with connect(url, max_size=None) as socket:
-        socket.send(messages.encode(messages.Hello(messages.PROTOCOL, token, "benchmark", emulated=True)))
+        socket.send(
+            messages.encode(messages.Hello(messages.PROTOCOL_VERSION, token, "benchmark", emulated=True))
+        )
         results.send(_Client(socket, environment_id).run())
 
 
@@ -289,12 +291,12 @@ class _Client:
             self._send(messages.Receipt(self._states))
 
     def _track(self) -> None:
-        participant = SimulatedParticipant(draw_traits("woman", 0), 0)
+        participant = SimulatedParticipant(sample_participant_traits("woman", 0), 0)
         participant.adopt_posture(self._environment)
         began = due = time.monotonic()
         while not self._over.is_set():
             moving = self._phase not in ("calibration", "")
-            frame = participant.frame(due - began, moving=moving)
+            frame = participant.tracking_frame(due - began, moving=moving)
             self._sent[frame.sequence] = time.monotonic()
             self._send(frame)
             if self._phase in ("calibration", "check", "paused") and frame.sequence % round(TRACKING_HZ) == 0:
@@ -338,10 +340,10 @@ def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> LiveLatenc
 
 
 def _missed(late: list[LateTick]) -> int:
-    return sum(1 + tick.lost for tick in late)
+    return sum(1 + tick.missed_ticks for tick in late)
 
 
-def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTick]:
+def _late_running(late: list[LateTick], stood_still: list[TimeSpan]) -> list[LateTick]:
     """Returns the late ticks that would also have been late without CPU steal.
 
     Their delay exceeds the CPU steal since the first tick of an uninterrupted sequence of late ticks.
@@ -351,7 +353,7 @@ def _late_running(late: list[LateTick], stood_still: list[Span]) -> list[LateTic
     for tick in late:
         if tick.due_s > next_s + 0.5 * TICK_S:
             began_s = tick.due_s
-        next_s = tick.due_s + (1 + tick.lost) * TICK_S
+        next_s = tick.due_s + (1 + tick.missed_ticks) * TICK_S
         if tick.ended_s - tick.due_s - TICK_S > overlap_s(stood_still, began_s, tick.ended_s):
             running.append(tick)
     return running
@@ -362,10 +364,10 @@ def _spread(seconds: FloatArray) -> Percentiles:
 
 
 def _undisturbed(
-    stood_still: list[Span] | None, began_s: FloatArray, took_s: FloatArray
+    stood_still: list[TimeSpan] | None, began_s: FloatArray, took_s: FloatArray
 ) -> Percentiles | None:
     """Returns percentiles of the durations of events without CPU steal; ``None`` if there are none."""
     if stood_still is None:
         return None
-    alone = has_no_overlap(stood_still, began_s, began_s + took_s)
+    alone = overlaps_no_span(stood_still, began_s, began_s + took_s)
     return _spread(took_s[alone]) if alone.any() else None

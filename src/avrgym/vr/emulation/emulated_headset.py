@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from avrgym.vr.emulation.in_process_client import CALIBRATION_S
+from avrgym.vr.emulation.in_process_client import CALIBRATION_STILL_TIME_S
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.session.session import Session
@@ -28,16 +28,16 @@ CHROMIUM_FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-FRAME_S = 1.0 / 72.0
+FRAME_INTERVAL_S = 1.0 / 72.0
 """Interval at which the simulated participant sets poses."""
 _SHOW_CONTROLS = """(visibility) => {
     for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
 }"""
 """Script that hides or shows the controls over the view. The page's security policy forbids style sheets of
 Playwright."""
-TIMEOUT_S = 60.0
+PAGE_TIMEOUT_S = 60.0
 """Timeout of requests to the page."""
-PHASE_LIMIT_S = 600.0
+MAX_PHASE_S = 600.0
 """Maximum duration of a session's phase, sufficient for a slow computer."""
 
 
@@ -85,7 +85,7 @@ class EmulatedHeadset:
                 "Chromium is not installed; run `playwright install chromium`"
             ) from error
         self.page = self._browser.new_page(viewport={"width": width, "height": height})
-        self.page.set_default_timeout(1000 * TIMEOUT_S)
+        self.page.set_default_timeout(1000 * PAGE_TIMEOUT_S)
         if script:
             self.page.add_init_script(script)
         page, mark, token = url.partition("#")
@@ -99,7 +99,7 @@ class EmulatedHeadset:
         self._browser.close()
         self._playwright.stop()
 
-    def call(self, function: str, *arguments: Any) -> Any:
+    def call_emulator(self, function: str, *arguments: Any) -> Any:
         """Calls a JavaScript function of the page's emulator. Returns its result."""
         return self.page.evaluate(
             "([name, rest]) => window.avrgymEmulator[name](...rest)", [function, list(arguments)]
@@ -113,51 +113,51 @@ class EmulatedHeadset:
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
         """Set the poses of headset and controllers. Without ``right``, the right controller does not move."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
-        self.call("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
+        self.call_emulator("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
 
     def pull_trigger(self, hand: str) -> None:
         """Press and release a trigger, each for at least one XR frame."""
         for pressed in (True, False):
-            self.call("setTrigger", hand, pressed)
+            self.call_emulator("setTrigger", hand, pressed)
             self.wait_for_frames(2)
 
-    def select(self) -> None:
+    def press_select(self) -> None:
         """Press and release the select input of this headset, each for at least two XR frames."""
         for pressed in (True, False):
-            self.call("select", pressed)
+            self.call_emulator("select", pressed)
             self.wait_for_frames(4)
 
     def press_menu(self, hand: str) -> None:
         """Press and release a menu button."""
         for pressed in (True, False):
-            self.call("holdMenu", hand, pressed)
+            self.call_emulator("holdMenu", hand, pressed)
             self.wait_for_frames(2)
 
-    def begin_stop(self, method: str) -> None:
+    def begin_emergency_stop(self, method: str) -> None:
         """Begin an emergency stop with this stop method. Its input stays active."""
         match method:
             case "button":
-                self.call("holdMenu", "left", True)
+                self.call_emulator("holdMenu", "left", True)
             case "triggers":
-                self.call("setTrigger", "left", True)
-                self.call("setTrigger", "right", True)
+                self.call_emulator("setTrigger", "left", True)
+                self.call_emulator("setTrigger", "right", True)
             case "squeeze":
-                self.call("setSqueeze", "right", True)
+                self.call_emulator("setSqueeze", "right", True)
             case "select":
-                self.call("select", True)
+                self.call_emulator("select", True)
             case "palm":
-                self.call("raisePalm", "right")
+                self.call_emulator("raisePalm", "right")
             case _:
-                self.call("lookAt", self.call("stop")["sign"])
+                self.call_emulator("lookAt", self.call_emulator("stop")["sign"])
 
     def wait_for_frames(self, count: int) -> None:
         """Wait until the page has drawn ``count`` more XR frames."""
-        drawn = self.call("framesDrawn")
+        drawn = self.call_emulator("framesDrawn")
         self.page.wait_for_function(
             "([drawn]) => window.avrgymEmulator.framesDrawn() >= drawn", arg=[drawn + count]
         )
 
-    def answer(self, value: int, hand: str | None = None) -> None:
+    def select_answer(self, value: int, hand: str | None = None) -> None:
         """Point at the answer button of a value and select it.
 
         ``hand``: the controller that points; by default, the pointer of this headset. The pointer first points next to
@@ -166,24 +166,26 @@ class EmulatedHeadset:
         x, y, z = self._centre_of(value)
         for point in ((x, y + 3.0, z), (x, y, z)):
             if hand is None:
-                self.call("pointAt", point)
+                self.call_emulator("pointAt", point)
             else:
-                self.call("aimAt", hand, point)
+                self.call_emulator("aimAt", hand, point)
             self.wait_for_frames(2)
         if hand is None:
-            self.select()
+            self.press_select()
         else:
             self.pull_trigger(hand)
 
     def _centre_of(self, value: int) -> tuple[float, float, float]:
         """Returns the centre of a button on the panel, in ``local-floor``."""
-        return next(tuple(button["centre"]) for button in self.call("buttons") if button["value"] == value)
+        return next(
+            tuple(button["centre"]) for button in self.call_emulator("buttons") if button["value"] == value
+        )
 
     def look_at_button(self, value: int) -> None:
         """Turn the head away from the panel, then look at the answer button of a value."""
         x, y, z = self._centre_of(value)
         for point in ((x, y + 3.0, z), (x, y, z)):
-            self.call("lookAt", point)
+            self.call_emulator("lookAt", point)
             self.wait_for_frames(3)
 
     def screenshot(self, path: Path) -> Path:
@@ -194,9 +196,9 @@ class EmulatedHeadset:
         return path
 
 
-BACK, DONE, AGAIN, GO_ON = -1, -2, -3, -4
+BACK_BUTTON, DONE_BUTTON, AGAIN_BUTTON, CONTINUE_BUTTON = -1, -2, -3, -4
 """Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
-PICTURE_DELAY_S = {"trial": 4.0}
+SCREENSHOT_DELAY_S = {"trial": 4.0}
 """Delay from the start of a phase to the screenshot of the participant's view, by phase."""
 
 
@@ -214,7 +216,7 @@ class BrowserClient:
         participant: SimulatedParticipant,
         pictures: Path,
         log: Callable[[str], None],
-        picture_delay_s: Mapping[str, float] = PICTURE_DELAY_S,
+        picture_delay_s: Mapping[str, float] = SCREENSHOT_DELAY_S,
     ) -> None:
         """Create a client.
 
@@ -226,7 +228,7 @@ class BrowserClient:
             log: called with a description of each phase.
             picture_delay_s: delay from the start of a phase to its screenshot, by phase.
         """
-        self.taken: list[Path] = []
+        self.screenshots: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
         self._folder, self._log, self._picture_after_s = pictures, log, picture_delay_s
         self._phase: tuple[str, int] = ("", 0)
@@ -240,19 +242,19 @@ class BrowserClient:
             TimeoutError: if the session stays in one phase for ten minutes.
         """
         headset, began = self._headset, time.monotonic()
-        headset.set_poses(self._participant.frame(0.0, moving=False))
+        headset.set_poses(self._participant.tracking_frame(0.0, moving=False))
         headset.enter_vr()
         while self._phase[0] != "finished":
             now = time.monotonic() - began
-            phase, question = headset.call("phaseAndQuestion")
+            phase, question = headset.call_emulator("phaseAndQuestion")
             self._notice(phase, now)
-            if now - self._changed_s > PHASE_LIMIT_S:
+            if now - self._changed_s > MAX_PHASE_S:
                 raise TimeoutError(
-                    f"the session is still in phase {self._phase[0]!r} after {PHASE_LIMIT_S:.0f} s"
+                    f"the session is still in phase {self._phase[0]!r} after {MAX_PHASE_S:.0f} s"
                 )
             self._act(question, now)
-            time.sleep(FRAME_S)
-        return self.taken
+            time.sleep(FRAME_INTERVAL_S)
+        return self.screenshots
 
     def _notice(self, phase: dict[str, Any], now_s: float) -> None:
         found: tuple[str, int] = phase["name"], phase["trial"]
@@ -266,27 +268,39 @@ class BrowserClient:
 
     def _act(self, question: dict[str, Any] | None, now_s: float) -> None:
         name, _ = self._phase
-        frame = self._participant.frame(now_s, moving=name != "calibration", watching=name == "trial")
+        frame = self._participant.tracking_frame(
+            now_s, moving=name != "calibration", watching=name == "trial"
+        )
         self._headset.set_poses(frame, right=question is None and name != "confirm")
         self._take_picture(now_s)
         rests = name in ("headset", "calibration", "check", "ready", "paused")
-        if rests and now_s - self._phase_began > CALIBRATION_S:
+        if rests and now_s - self._phase_began > CALIBRATION_STILL_TIME_S:
             self._headset.pull_trigger("right")
             self._phase_began = now_s
         if name == "headset_stop":
             self._headset.press_menu("right")
-        if name == "confirm" and self._asked != name and self._headset.call("buttons"):
+        if name == "confirm" and self._asked != name and self._headset.call_emulator("buttons"):
             self._asked = name
-            self._headset.answer(DONE)
-        if question is not None and question["item"] != self._asked and self._headset.call("buttons"):
+            self._headset.select_answer(DONE_BUTTON)
+        if (
+            question is not None
+            and question["item"] != self._asked
+            and self._headset.call_emulator("buttons")
+        ):
             self._asked = question["item"]
             results = self._session.attempt_results
-            self._headset.answer(self._participant.answer(question["item"], question["points"], results))
+            self._headset.select_answer(
+                self._participant.rate_item(question["item"], question["points"], results)
+            )
 
     def _take_picture(self, now_s: float) -> None:
         after_s = self._picture_after_s.get(self._phase[0])
-        if after_s is not None and now_s - self._phase_began > after_s and self._picture not in self.taken:
-            self.taken.append(self._headset.screenshot(self._picture))
+        if (
+            after_s is not None
+            and now_s - self._phase_began > after_s
+            and self._picture not in self.screenshots
+        ):
+            self.screenshots.append(self._headset.screenshot(self._picture))
 
     @property
     def _picture(self) -> Path:

@@ -7,7 +7,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
-CALIBRATION_S = 1.5
+CALIBRATION_STILL_TIME_S = 1.5
 """Time for which a simulated participant holds still before it presses the trigger."""
 ANSWER_DELAY_S = 1.5
 """Time from the appearance of a question to the answer."""
@@ -32,9 +32,9 @@ class InProcessClient:
 
     def receive(self, message: Message) -> None:
         """Handle a message of the session."""
-        self._participant.watch(message)
+        self._participant.receive(message)
         if isinstance(message, messages.RobotCommands):
-            self._participant.commands.watch(message, self._now_s)
+            self._participant.commands.receive(message, self._now_s)
         if isinstance(message, messages.Phase):
             self._heard_s, self._question = self._now_s, None
             if message.trial != self._trial:
@@ -55,12 +55,14 @@ class InProcessClient:
         """
         session.receive(messages.Entered(), self._now_s)
         tick = 0
-        while session.phase != "finished":
+        while session.phase_name != "finished":
             self._now_s = tick * TICK_S
             trial = session.plan.trials[max(self._trial - 1, 0)]
             self._participant.adopt_posture(trial.environment, session.plan.settings_of(trial))
             if tick % TRACKING_INTERVAL_TICKS == 0:
-                frame = self._participant.frame(self._now_s, moving=session.phase != "calibration")
+                frame = self._participant.tracking_frame(
+                    self._now_s, moving=session.phase_name != "calibration"
+                )
                 session.receive(frame, self._now_s)
             self._respond(session)
             session.tick(self._now_s)
@@ -71,27 +73,27 @@ class InProcessClient:
     def _respond(self, session: Session) -> None:
         waited_s = self._now_s - self._heard_s
         if (
-            session.phase in ("headset", "calibration", "check", "ready", "break", "paused")
-            and waited_s > CALIBRATION_S
+            session.phase_name in ("headset", "calibration", "check", "ready", "break", "paused")
+            and waited_s > CALIBRATION_STILL_TIME_S
         ):
             self._press_trigger(session)
-        if session.phase == "headset_stop":
+        if session.phase_name == "headset_stop":
             session.receive(messages.Stop(method="button"), self._now_s)
-        if session.phase == "loading":
+        if session.phase_name == "loading":
             session.receive(messages.SceneLoaded(url=self._scene_url), self._now_s)
         question = self._question
         if question is not None and waited_s > ANSWER_DELAY_S:
             self._question = None
-            value = self._participant.answer(question.item, question.points, session.attempt_results)
+            value = self._participant.rate_item(question.item, question.points, session.attempt_results)
             answer = messages.Answer(item=question.item, value=value, response_time_s=waited_s)
             session.receive(answer, self._now_s)
-        if session.phase == "trial":
+        if session.phase_name == "trial":
             self._command_robot(session)
-        if session.phase == "confirm":
+        if session.phase_name == "confirm":
             session.receive(messages.Ready(), self._now_s)
 
     def _command_robot(self, session: Session) -> None:
-        given = self._participant.commands.due(self._now_s)
+        given = self._participant.commands.due_command(self._now_s)
         if given is None:
             return
         command, source = given

@@ -4,16 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from avrgym.commands.preferences import SPEED_STEP
-from avrgym.commands.vocabulary import CommandName, Source, commands_of
+from avrgym.commands.preferences import SPEED_FACTOR_STEP
+from avrgym.commands.vocabulary import CommandName, CommandSource, commands_of_source
 from avrgym.system import random_streams
 from avrgym.vr.protocol import messages
 
-CONTINUOUS_SOURCES: tuple[Source, ...] = ("gaze",)
+PASSIVE_SOURCES: tuple[CommandSource, ...] = ("gaze",)
 """Input sources that detect a command in the participant's usual motion. They need no deliberate action."""
-GESTURE_HZ, GESTURE_CYCLES, GESTURE_DEG = 1.8, 2, 12.0
+GESTURE_HZ, GESTURE_CYCLES, GESTURE_SWING_DEG = 1.8, 2, 12.0
 """A nod or shake of a simulated participant: frequency, number of cycles, and range of motion (assumptions)."""
-GESTURE_S = GESTURE_CYCLES / GESTURE_HZ
+GESTURE_DURATION_S = GESTURE_CYCLES / GESTURE_HZ
 """Duration of a nod or shake."""
 
 
@@ -21,25 +21,25 @@ GESTURE_S = GESTURE_CYCLES / GESTURE_HZ
 class CommandTraits:
     """How a participant gives commands. The ranges are assumptions.
 
-    ``delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss``: probability that a command
-    is not detected. ``false_per_min``: number of unintended commands per minute. ``comfortable_speed``: speed factor
-    at which the participant commands no change of speed.
+    ``command_delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss``: probability that a
+    command is not detected. ``false_commands_per_min``: number of unintended commands per minute.
+    ``comfortable_speed_factor``: speed factor at which the participant commands no change of speed.
     """
 
-    delay_s: float = 1.0
-    miss: float = 0.0
-    false_per_min: float = 0.0
-    comfortable_speed: float = 1.0
+    command_delay_s: float = 1.0
+    miss_probability: float = 0.0
+    false_commands_per_min: float = 0.0
+    comfortable_speed_factor: float = 1.0
 
 
-def draw_command_traits(seed: int) -> CommandTraits:
+def sample_command_traits(seed: int) -> CommandTraits:
     """Returns random command traits of a participant, from a seed."""
     random = random_streams.participant_command_generator(seed, 0)
     return CommandTraits(
-        delay_s=float(random.uniform(0.6, 2.5)),
-        miss=float(random.uniform(0.0, 0.15)),
-        false_per_min=float(random.uniform(0.0, 1.0)),
-        comfortable_speed=float(random.uniform(0.6, 1.2)),
+        command_delay_s=float(random.uniform(0.6, 2.5)),
+        miss_probability=float(random.uniform(0.0, 0.15)),
+        false_commands_per_min=float(random.uniform(0.0, 1.0)),
+        comfortable_speed_factor=float(random.uniform(0.6, 1.2)),
     )
 
 
@@ -58,7 +58,7 @@ class SimulatedCommands:
         self._planned: list[tuple[float, CommandName]] = []
         self._next_false_s = np.inf
 
-    def watch(self, offered: messages.RobotCommands, now_s: float) -> None:
+    def receive(self, offered: messages.RobotCommands, now_s: float) -> None:
         """Handle a message with the allowed commands and the robot's mode."""
         before, self._offered = self._offered, offered if offered.commands else None
         if self._offered is None:
@@ -69,7 +69,7 @@ class SimulatedCommands:
         if before is None or before.mode != offered.mode:
             self._planned = [] if offered.mode != "waiting" else self._on_waiting(offered, now_s)
 
-    def due(self, now_s: float) -> tuple[CommandName, Source] | None:
+    def due_command(self, now_s: float) -> tuple[CommandName, CommandSource] | None:
         """Returns the participant's command at this time and its input source, or ``None``."""
         if self._offered is None:
             return None
@@ -80,41 +80,41 @@ class SimulatedCommands:
         if self._planned and now_s >= self._planned[0][0]:
             _, command = self._planned.pop(0)
             if command == "ready":  # repeated until the robot continues
-                self._planned.append((now_s + 2.0 * self._traits.delay_s, "ready"))
-            return None if self._random.random() < self._traits.miss else self._given(command)
+                self._planned.append((now_s + 2.0 * self._traits.command_delay_s, "ready"))
+            return None if self._random.random() < self._traits.miss_probability else self._given(command)
         return None
 
     def _on_waiting(self, offered: messages.RobotCommands, now_s: float) -> list[tuple[float, CommandName]]:
-        delay_s, names = self._traits.delay_s, {each.name for each in offered.commands}
-        excess = offered.speed_factor - self._traits.comfortable_speed
+        delay_s, names = self._traits.command_delay_s, {each.name for each in offered.commands}
+        excess = offered.speed_factor - self._traits.comfortable_speed_factor
         pace: CommandName = "slower" if excess > 0.0 else "faster"
         planned: list[tuple[float, CommandName]] = []
-        if abs(excess) > 0.5 * SPEED_STEP and pace in names:
+        if abs(excess) > 0.5 * SPEED_FACTOR_STEP and pace in names:
             planned.append((now_s + 0.5 * delay_s, pace))
         if "ready" in names:
             planned.append((now_s + delay_s, "ready"))
         return planned
 
-    def _given(self, command: CommandName) -> tuple[CommandName, Source] | None:
+    def _given(self, command: CommandName) -> tuple[CommandName, CommandSource] | None:
         """Returns the command with the first allowed input source that supports it, or ``None``."""
         assert self._offered is not None
         for source in self._offered.sources:
-            if source not in CONTINUOUS_SOURCES and command in commands_of(source):
+            if source not in PASSIVE_SOURCES and command in commands_of_source(source):
                 return command, source
         return None
 
     def _interval_s(self) -> float:
         """Returns a random time until the next unintended command."""
-        rate = self._traits.false_per_min
+        rate = self._traits.false_commands_per_min
         interval_s = float(self._random.exponential())
         return 60.0 * interval_s / rate if rate else np.inf
 
 
-def gesture_angles(source: Source, time_s: float) -> tuple[float, float]:
+def gesture_angles_rad(source: CommandSource, time_s: float) -> tuple[float, float]:
     """Returns pitch and yaw of the head in radians, ``time_s`` after the start of a gesture."""
-    if not 0.0 <= time_s <= GESTURE_S:
+    if not 0.0 <= time_s <= GESTURE_DURATION_S:
         return 0.0, 0.0
-    swing, phase = float(np.radians(GESTURE_DEG)), 2.0 * np.pi * GESTURE_HZ * time_s
+    swing, phase = float(np.radians(GESTURE_SWING_DEG)), 2.0 * np.pi * GESTURE_HZ * time_s
     if source == "nod":
         return 0.5 * swing * (1.0 - float(np.cos(phase))), 0.0
     return 0.0, 0.5 * swing * float(np.sin(phase))

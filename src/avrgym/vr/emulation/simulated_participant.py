@@ -13,56 +13,56 @@ import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.commands.vocabulary import Source
+from avrgym.commands.vocabulary import CommandSource
 from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
-from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_RAD, Person, Sex
-from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, TOOL
+from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_POSE_RAD, Person, Sex
+from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SCENE_TOOL_BODY
 from avrgym.networks.policy import Policy
 from avrgym.people import cooperation, distributions, impaired_motion, impairments, motor
 from avrgym.people.clinical_impairments import sample_motor_signs
-from avrgym.people.distributions import DISTRIBUTIONS, Distribution
+from avrgym.people.distributions import BASE_DISTRIBUTIONS, PeopleDistribution
 from avrgym.people.impaired_motion import MotorSigns
 from avrgym.people.motor import MotorState
-from avrgym.people.population_names import Impairment
+from avrgym.people.population_names import ImpairmentName
 from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
-from avrgym.tasks.human_view import HumanView, PersonInputs
+from avrgym.tasks.human_view import HumanObserver, PersonInputs
 from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.emulation.simulated_commands import (
     CommandTraits,
     SimulatedCommands,
-    draw_command_traits,
-    gesture_angles,
+    gesture_angles_rad,
+    sample_command_traits,
 )
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_hand, headset_from_head
 from avrgym.vr.session.attempt import AttemptResults
 
-PARTICIPANTS = DISTRIBUTIONS["participants"]
+PARTICIPANT_DISTRIBUTION = BASE_DISTRIBUTIONS["participants"]
 """The distribution of the paper's participants."""
-SENSOR_NOISE_M = 1e-9
+MIN_POSE_DIFFERENCE_M = 1e-9
 """Minimum difference between consecutive measured positions. Real trackers never measure identical poses."""
-LOOK_AT_ARM_OFFSET_RAD = human.joint_angles(head_x=35.0, head_z=-40.0) - human.joint_angles(
+LOOK_AT_ARM_OFFSET_RAD = human.seated_joint_angles(head_x=35.0, head_z=-40.0) - human.seated_joint_angles(
     head_x=0.0, head_z=0.0
 )
 """Change of the joint angles (20,) with which a participant looks at the right arm."""
-STILL_AFTER_S = 0.5
+SWAY_STOP_TIME_S = 0.5
 """Time in which sway and tremor end after a participant begins to hold still."""
-MAX_MOTION_S = 1.0
+MAX_MOTION_STEP_S = 1.0
 """Maximum duration of the motion between two frames."""
-LENIENCY, NOISE = 0.08, 0.1
+LENIENCY_STD, RATING_NOISE_STD = 0.08, 0.1
 """Standard deviations of ratings, as shares of a scale: between participants, and between answers of one
 participant."""
 
-RATINGS: Mapping[str, Callable[[AttemptResults], float]] = {
+RATING_RULES: Mapping[str, Callable[[AttemptResults], float]] = {
     "L1": lambda results: 0.9 if results.success else 0.15,
-    "L2": lambda results: 1.0 - results.force_mean_n / 20.0 - results.speed_mean_m_s / 1.0,
+    "L2": lambda results: 1.0 - results.force_mean_n / 20.0 - results.tool_speed_mean_m_s / 1.0,
     "L3": lambda results: 1.0 - results.force_max_n / 60.0,
-    "L4": lambda results: 1.0 - abs(results.speed_mean_m_s - 0.1) / 0.3,
+    "L4": lambda results: 1.0 - abs(results.tool_speed_mean_m_s - 0.1) / 0.3,
 }
 """Functions that return ratings of the paper's statements, as shares of a scale, by item. Success determines help. Mean
 force and speed determine comfort. The maximum force determines safety, and the difference from 0.1 m/s determines
@@ -70,7 +70,7 @@ speed. The constants are assumptions."""
 
 
 @dataclass(frozen=True)
-class Traits:
+class ParticipantTraits:
     """Body and behaviour of a simulated participant.
 
     Attributes:
@@ -97,43 +97,43 @@ class Traits:
     sway_deg: float
     sway_hz: float
     lean_deg: float
-    arm_deg: float
-    cooperation: float
-    reaction_s: float
+    arm_offset_deg: float
+    cooperation_share: float
+    reaction_time_s: float
     leniency: float
-    commands: CommandTraits = CommandTraits()  # noqa: RUF009
-    partner: partners.BehaviourParameters | None = None
-    trained: Policy | None = None
+    command_traits: CommandTraits = CommandTraits()  # noqa: RUF009
+    partner_parameters: partners.BehaviourParameters | None = None
+    trained_policy: Policy | None = None
     range_share: float = 1.0
     strength_share: float = 1.0
     tremor_rad: FloatArray = field(default_factory=lambda: np.zeros(len(JOINTS)))
-    signs: MotorSigns | None = None
+    motor_signs: MotorSigns | None = None
 
 
-def draw_traits(
+def sample_participant_traits(
     sex: Sex,
     seed: int,
-    distribution: Distribution = PARTICIPANTS,
-    impairment: Impairment = "none",
+    distribution: PeopleDistribution = PARTICIPANT_DISTRIBUTION,
+    impairment: ImpairmentName = "none",
     trained: Policy | None = None,
-) -> Traits:
+) -> ParticipantTraits:
     """Returns random traits of a participant from a distribution (default: the paper's participants).
 
     ``trained`` is a policy that controls the participant.
     """
     random = random_streams.participant_trait_generator(seed)
     heights_m = distribution.torso_height_woman_m if sex == "woman" else distribution.torso_height_man_m
-    traits = Traits(
+    traits = ParticipantTraits(
         sex=sex,
         torso_height_m=float(random.uniform(*heights_m)),
         sway_deg=float(random.uniform(0.3, 1.0)),
         sway_hz=float(random.uniform(0.1, 0.3)),
         lean_deg=float(random.uniform(-2.0, 5.0)),
-        arm_deg=float(random.uniform(-8.0, 8.0)),
-        cooperation=float(random.uniform(0.0, 1.0)),
-        reaction_s=float(random.uniform(0.2, 0.4)),
-        leniency=float(random.normal(0.0, LENIENCY)),
-        commands=draw_command_traits(seed),
+        arm_offset_deg=float(random.uniform(-8.0, 8.0)),
+        cooperation_share=float(random.uniform(0.0, 1.0)),
+        reaction_time_s=float(random.uniform(0.2, 0.4)),
+        leniency=float(random.normal(0.0, LENIENCY_STD)),
+        command_traits=sample_command_traits(seed),
     )
     if not distribution.moving:
         traits = replace(traits, sway_deg=0.0, cooperation=0.0)
@@ -142,8 +142,11 @@ def draw_traits(
 
 
 def _with_body(
-    traits: Traits, random: np.random.Generator, distribution: Distribution, impairment: Impairment
-) -> Traits:
+    traits: ParticipantTraits,
+    random: np.random.Generator,
+    distribution: PeopleDistribution,
+    impairment: ImpairmentName,
+) -> ParticipantTraits:
     """Returns the traits with the joint ranges, strength and tremor of a partner, if any, and of an impairment."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if distribution.partners is not None:
@@ -177,7 +180,9 @@ class SimulatedParticipant:
     The participant is seated until ``adopt_posture`` is called.
     """
 
-    def __init__(self, traits: Traits, seed: int, furniture: RealFurniture = DEFAULT_FURNITURE) -> None:
+    def __init__(
+        self, traits: ParticipantTraits, seed: int, furniture: RealFurniture = DEFAULT_FURNITURE
+    ) -> None:
         """Create a participant. ``furniture``: the room's real furniture, which determines the height of the head."""
         random = random_streams.participant_motion_generator(seed)
         self.traits = traits
@@ -189,18 +194,18 @@ class SimulatedParticipant:
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)[None, :2]
         self._chance = random_streams.participant_behaviour_generator(seed).random((1, 4))
         self._action_generator = random_streams.participant_noise_generator(seed)
-        self.commands = SimulatedCommands(traits.commands, seed)
-        self._gesture: tuple[Source, float] = "nod", -np.inf
+        self.commands = SimulatedCommands(traits.command_traits, seed)
+        self._gesture: tuple[CommandSource, float] = "nod", -np.inf
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
         self._moved_s: float | None = None
         self._moving = self._watching = False
         self._bodies: list[str] = []
-        self._environment = "", DEFAULTS
-        self._offered: cooperation.OfferedPart = "mouth"
-        self._rest(SEATED, SEATED_RAD)
+        self._environment = "", DEFAULT_SETTINGS
+        self._offered: cooperation.OfferedBodyPart = "mouth"
+        self._rest(SEATED, SEATED_POSE_RAD)
 
-    def adopt_posture(self, environment_id: str, settings: Settings = DEFAULTS) -> None:
+    def adopt_posture(self, environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> None:
         """Sit or lie as in an environment with these settings. A second call with the same arguments has no effect.
 
         Raises:
@@ -210,16 +215,16 @@ class SimulatedParticipant:
             return
         task, scene = task_and_scene(environment_id, settings)
         self._environment, self._offered = (environment_id, settings), task.offered
-        self._view = HumanView(task.offered, task.observation(scene))
+        self._view = HumanObserver(task.offered, task.observation(scene))
         self._rest(scene.posture, task.pose.rest_rad)
 
-    def watch(self, message: messages.Message) -> None:
+    def receive(self, message: messages.Message) -> None:
         """Handle a message of the server. It may contain the bodies, the start of a trial, or the tool's pose."""
         if isinstance(message, messages.Scene):
             self._bodies = message.bodies
         elif isinstance(message, messages.Phase) and message.name == "free_before":
             self._reset_behaviour()
-        elif isinstance(message, messages.State) and TOOL in self._bodies:
+        elif isinstance(message, messages.State) and SCENE_TOOL_BODY in self._bodies:
             self._observe_tool(message)
 
     def _rest(self, posture: human.Posture, rest_rad: FloatArray) -> None:
@@ -227,13 +232,13 @@ class SimulatedParticipant:
         people = distributions.repeat_person(Person(traits.sex, traits.torso_height_m, rest_rad), 1)
         people = replace(people, tremor_rad=traits.tremor_rad[None])
         self._people = impairments.limit_joint_ranges(people, np.array([traits.range_share]))
-        person = self._people.person(0)
+        person = self._people.person_at(0)
         self._posture, self._rest_rad = posture, person.joint_angles_rad
         self._held_rad = self._angles_rad = self._rest_rad
         self._sway_share = 0.0
         higher_m = self._furniture.head_height_offset_m(posture, person.torso_height_m)
         self._room = replace(self._room, origin_w=np.array([*self._room.origin_w[:2], -higher_m]))
-        self._sites = human.layout(self._people.is_woman, self._people.torso_height_m).site_pos
+        self._sites = human.body_layout(self._people.is_woman, self._people.torso_height_m).site_pos
         self._model = human.person_model(person, posture, moving=True)
         self._data = mujoco.MjData(self._model)
         self._reset_behaviour()
@@ -243,14 +248,14 @@ class SimulatedParticipant:
     def _reset_behaviour(self) -> None:
         """Resets the behaviour model to its initial state. The participant's pose does not change."""
         self._behaviour_state: cooperation.CooperationState | partner_behaviour.PartnerState
-        if self.traits.partner is not None:
+        if self.traits.partner_parameters is not None:
             self._behaviour_state = partner_behaviour.initial_state(
-                self._people, self.traits.partner, self._chance
+                self._people, self.traits.partner_parameters, self._chance
             )
         else:
             mind = cooperation.initial_state(self._people, np.full((1, cooperation.NUM_UNIFORMS), 0.5))
             self._behaviour_state = replace(
-                mind, reaction_steps=np.array([round(self.traits.reaction_s / CONTROL_STEP_S)])
+                mind, reaction_delay_steps=np.array([round(self.traits.reaction_time_s / CONTROL_STEP_S)])
             )
         self._wanted_rad = self._rest_rad[None]
         self._next_look_s = -np.inf
@@ -259,7 +264,7 @@ class SimulatedParticipant:
         """Returns the state of the motor model at rest."""
         traits, mind = self.traits, self._behaviour_state
         if isinstance(mind, partner_behaviour.PartnerState):
-            return partner_behaviour.motor_state(mind, self._people)
+            return partner_behaviour.initial_motor_state(mind, self._people)
         sway_rad, none = np.radians([traits.sway_deg]), np.zeros(1)
         rhythms = motor.sample_rhythms(
             sway_rad, np.array([traits.sway_hz]), self._phase, none, none, self._chance[:, :2]
@@ -277,14 +282,14 @@ class SimulatedParticipant:
         bodies, marks_w = dict(zip(self._bodies, poses, strict=False)), poses[len(self._bodies) :, :3]
         observation = self._observation(bodies)
         mind = replace(self._behaviour_state, targets_rad=self._motor.angles_rad)
-        if self.traits.trained is not None:
-            self._act(self.traits.trained, observation, bodies, marks_w)
+        if self.traits.trained_policy is not None:
+            self._act(self.traits.trained_policy, observation, bodies, marks_w)
         elif isinstance(mind, partner_behaviour.PartnerState):
-            self._behaviour_state, self._wanted_rad = partner_behaviour.choose_goals(
+            self._behaviour_state, self._wanted_rad = partner_behaviour.choose_goal_angles(
                 mind, observation, self._offered, self._posture
             )
         else:
-            self._behaviour_state, self._wanted_rad = cooperation.choose_goals(
+            self._behaviour_state, self._wanted_rad = cooperation.choose_goal_angles(
                 mind, self._wanted_rad, observation, self._offered, self._posture
             )
         self._aim()
@@ -298,15 +303,19 @@ class SimulatedParticipant:
     ) -> None:
         """Applies an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
         feedback."""
-        hips, head, tool = bodies[human.PREFIX + "hips"], bodies[human.PREFIX + "head"], bodies[TOOL]
-        marked = [tool[None, :3] - marks_w[0] for _ in self._view.goals] if len(marks_w) else None
+        hips, head, tool = (
+            bodies[human.PREFIX + "hips"],
+            bodies[human.PREFIX + "head"],
+            bodies[SCENE_TOOL_BODY],
+        )
+        marked = [tool[None, :3] - marks_w[0] for _ in self._view.goal_entries] if len(marks_w) else None
         seen = PersonInputs(
             hips_pos_w=hips[None, :3],
             hips_q_w=hips[None, 3:],
             tool_pos_w=tool[None, :3],
             tool_q_w=tool[None, 3:],
             tool_from_goals_w=marked
-            or [entry.compute(cast("Any", observation), None) for entry in self._view.goals],
+            or [entry.compute(cast("Any", observation), None) for entry in self._view.goal_entries],
             joint_angles_rad=self._held_rad[None],
             right_arm_pos_w=observation.right_arm_pos_w,
             head_pos_w=np.atleast_2d(observation.head_pos_w),
@@ -314,9 +323,9 @@ class SimulatedParticipant:
             total_force_n=np.zeros(1),
             tool_force_n=np.zeros(1),
         )
-        action = trained.act(self._view.of(seen), [self._action_generator])
+        action = trained.act(self._view.compute(seen), [self._action_generator])
         joints = cooperation.OFFERED_JOINTS[self._offered]
-        targets = partner_behaviour.steer_targets(self._wanted_rad, joints, action.astype(float))
+        targets = partner_behaviour.move_joint_targets(self._wanted_rad, joints, action.astype(float))
         self._wanted_rad = self._clip_to_ranges(targets)
 
     def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
@@ -325,10 +334,10 @@ class SimulatedParticipant:
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
         )
-        arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM])
-        return _Observation(bodies[TOOL][None, :3], head_centre, mouth, arm[None])
+        arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM_BODIES])
+        return _Observation(bodies[SCENE_TOOL_BODY][None, :3], head_centre, mouth, arm[None])
 
-    def frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
+    def tracking_frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
         """Returns the tracking frame at a time.
 
         With ``moving``, the participant sways and reacts to the robot; otherwise the participant holds still. With
@@ -338,18 +347,18 @@ class SimulatedParticipant:
             self._moving, self._watching = moving, watching
             self._aim()
         angles = self._move_until(time_s)
-        pitch, yaw = gesture_angles(self._gesture[0], time_s - self._gesture[1])
+        pitch, yaw = gesture_angles_rad(self._gesture[0], time_s - self._gesture[1])
         if pitch or yaw:
             angles = angles.copy()
             angles[[JOINT_INDEX["head_x"], JOINT_INDEX["head_z"]]] += pitch, yaw
             angles = self._clip_to_ranges(angles[None])[0]
-        return self.frame_from_angles(angles, time_s)
+        return self.tracking_frame_from_angles(angles, time_s)
 
-    def begin_gesture(self, gesture: Source, time_s: float) -> None:
+    def begin_gesture(self, gesture: CommandSource, time_s: float) -> None:
         """Begin a nod or a shake of the head at this time."""
         self._gesture = gesture, time_s
 
-    def frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
+    def tracking_frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
         """Returns the tracking frame of a body with joint angles (20,)."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
@@ -365,11 +374,11 @@ class SimulatedParticipant:
             right_modality="controller",
         )
 
-    def answer(self, item: str, points: int, results: AttemptResults) -> int:
-        """Returns a rating, 1 to ``points``, by the item's rule in ``RATINGS``. Other items get ratings around the
+    def rate_item(self, item: str, points: int, results: AttemptResults) -> int:
+        """Returns a rating, 1 to ``points``, by the item's rule in ``RATING_RULES``. Other items get ratings around the
         middle."""
-        wanted = RATINGS[item](results) if item in RATINGS else 0.5
-        share = wanted + self.traits.leniency + self._random.normal(0.0, NOISE)
+        wanted = RATING_RULES[item](results) if item in RATING_RULES else 0.5
+        share = wanted + self.traits.leniency + self._random.normal(0.0, RATING_NOISE_STD)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
     def _aim(self) -> None:
@@ -380,23 +389,23 @@ class SimulatedParticipant:
             way = traits.strength_share * (self._wanted_rad - goal)
             if isinstance(mind, partner_behaviour.PartnerState):
                 startled = partner_behaviour.are_startled(mind)
-            elif traits.trained is None:
-                way = traits.cooperation * way + self._stance_rad()
+            elif traits.trained_policy is None:
+                way = traits.cooperation_share * way + self._stance_rad()
             goal = goal + way
         if self._watching and self._offered == "arm":
             goal = goal + LOOK_AT_ARM_OFFSET_RAD
-        self._motor = motor.set_goal(self._motor, self._clip_to_ranges(goal), startled)
+        self._motor = motor.set_goal_angles(self._motor, self._clip_to_ranges(goal), startled)
 
     def _move_until(self, time_s: float) -> FloatArray:
         """Returns the joint angles (20,) at a time. The motion advances in steps of 10 ms."""
-        if self._moved_s is None or time_s - self._moved_s > MAX_MOTION_S:
-            self._moved_s = time_s - (0.0 if self._moved_s is None else MAX_MOTION_S)
+        if self._moved_s is None or time_s - self._moved_s > MAX_MOTION_STEP_S:
+            self._moved_s = time_s - (0.0 if self._moved_s is None else MAX_MOTION_STEP_S)
         steps = int((time_s - self._moved_s) / PHYSICS_STEP_S + 1e-6)
         if steps > 0:
             passed_s = steps * PHYSICS_STEP_S
             self._moved_s += passed_s
-            self._motor, targets = motor.next_targets_rad(self._motor, steps)
-            change = passed_s / STILL_AFTER_S
+            self._motor, targets = motor.next_joint_targets_rad(self._motor, steps)
+            change = passed_s / SWAY_STOP_TIME_S
             self._sway_share += float(np.clip(float(self._moving) - self._sway_share, -change, change))
             moved = self._motor.angles_rad
             angles = moved + self._sway_share * (targets[-1] - moved)
@@ -406,10 +415,10 @@ class SimulatedParticipant:
     def _impaired(self, joint_angles_rad: FloatArray, step_s: float) -> FloatArray:
         """Returns the joint angles (1, 20) that the participant executes, with the motor signs of a clinical
         impairment."""
-        if self.traits.signs is None:
+        if self.traits.motor_signs is None:
             return joint_angles_rad
         self._impaired_state, executed = impaired_motion.step(
-            self.traits.signs, self._impaired_state, joint_angles_rad, self._rest_rad[None], step_s
+            self.traits.motor_signs, self._impaired_state, joint_angles_rad, self._rest_rad[None], step_s
         )
         return executed
 
@@ -420,19 +429,19 @@ class SimulatedParticipant:
     def _stance_rad(self) -> FloatArray:
         """Returns the change of the joint angles (20,) by lean and arm posture."""
         traits = self.traits
-        stance = human.joint_angles(
+        stance = human.seated_joint_angles(
             waist_x=traits.lean_deg,
             head_x=-traits.lean_deg,
-            right_shoulder_x=-10.0 + traits.arm_deg,
-            left_shoulder_x=-10.0 + traits.arm_deg,
+            right_shoulder_x=-10.0 + traits.arm_offset_deg,
+            left_shoulder_x=-10.0 + traits.arm_offset_deg,
         )
-        return stance - SEATED_RAD
+        return stance - SEATED_POSE_RAD
 
     def _measure(self, part: str, pose: XRPose) -> XRPose:
         """Returns the measured pose, which differs at least slightly from the previous one."""
         if pose == self._measured.get(part):
             x, y, z = pose.position
-            pose = XRPose((x + SENSOR_NOISE_M, y, z), pose.orientation)
+            pose = XRPose((x + MIN_POSE_DIFFERENCE_M, y, z), pose.orientation)
         self._measured[part] = pose
         return pose
 

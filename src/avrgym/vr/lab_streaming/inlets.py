@@ -11,19 +11,19 @@ from pylsl.util import LostError
 from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
-SEARCH_S = 1.0
+SEARCH_DURATION_S = 1.0
 """Duration of one search for a stream."""
-OPEN_TIMEOUT_S = 5.0
+REQUEST_TIMEOUT_S = 5.0
 """Timeout of requests to a stream."""
-CHUNK_S = 0.05
+MAX_CHUNK_DURATION_S = 0.05
 """Maximum duration of a chunk of samples. Short chunks do not delay ticks."""
-CHUNK_SAMPLES = 4096
+MAX_CHUNK_SAMPLES = 4096
 """Maximum number of samples in a chunk."""
-MAX_CHUNKS = 600
+MAX_WAITING_CHUNKS = 600
 """Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
-BUFFER_S = 60
+BUFFER_DURATION_S = 60
 """Length of the receive buffer."""
-SILENT_S, SILENT_INTERVALS = 1.0, 5.0
+SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS = 1.0, 5.0
 """A regular stream counts as lost if no samples arrive for this time and this number of intervals."""
 
 
@@ -36,14 +36,14 @@ class Inlet:
     def __init__(self, name: str, query: str) -> None:
         """Start to search for the stream."""
         self.name = name
-        self.present = False
+        self.available = False
         self._query = query
-        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_CHUNKS)
+        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_WAITING_CHUNKS)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"stream {name}", daemon=True)
         self._thread.start()
 
-    def take(self) -> list[tuple[Stream, StreamSamples]]:
+    def pop_samples(self) -> list[tuple[Stream, StreamSamples]]:
         """Returns the chunks that have arrived since the last call, and removes them."""
         return [self._chunks.popleft() for _ in range(len(self._chunks))]
 
@@ -52,44 +52,46 @@ class Inlet:
         self._stopping.set()
 
     def join(self) -> None:
-        """Wait until the thread ends, at most ``OPEN_TIMEOUT_S``."""
-        self._thread.join(OPEN_TIMEOUT_S)
+        """Wait until the thread ends, at most ``REQUEST_TIMEOUT_S``."""
+        self._thread.join(REQUEST_TIMEOUT_S)
 
     def _run(self) -> None:
         while not self._stopping.is_set():
             try:
-                for found in pylsl.resolve_bypred(self._query, 1, SEARCH_S)[:1]:
-                    self._listen(pylsl.StreamInlet(found, BUFFER_S, recover=False))
+                for found in pylsl.resolve_bypred(self._query, 1, SEARCH_DURATION_S)[:1]:
+                    self._listen(pylsl.StreamInlet(found, BUFFER_DURATION_S, recover=False))
             except (LostError, RuntimeError, TimeoutError):  # lost, or not available: search again
-                self._stopping.wait(CHUNK_S)
-            self.present = False
+                self._stopping.wait(MAX_CHUNK_DURATION_S)
+            self.available = False
 
     def _listen(self, inlet: pylsl.StreamInlet) -> None:
-        info = inlet.info(OPEN_TIMEOUT_S)
+        info = inlet.info(REQUEST_TIMEOUT_S)
         kind = "texts" if info.channel_format() == pylsl.cf_string else "values"
-        stream = describe(self.name, info)
-        inlet.time_correction(OPEN_TIMEOUT_S)
-        inlet.open_stream(OPEN_TIMEOUT_S)
+        stream = describe_stream(self.name, info)
+        inlet.time_correction(REQUEST_TIMEOUT_S)
+        inlet.open_stream(REQUEST_TIMEOUT_S)
         for samples, times_s in self._chunks_of(inlet, stream.rate_hz):
-            offset_s = inlet.time_correction(OPEN_TIMEOUT_S)
+            offset_s = inlet.time_correction(REQUEST_TIMEOUT_S)
             corrected_s = (times_s + offset_s).tolist()
             chunk = StreamSamples(stream.stream, offset_s, corrected_s, **{kind: _plain(samples)})
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
         """Yields chunks of samples and their times on the device's clock. Updates ``present``."""
-        patience_s = max(SILENT_S, SILENT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
+        patience_s = (
+            max(SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
+        )
         silent_since_s = pylsl.local_clock()
         while not self._stopping.is_set():
-            samples, times_s = inlet.pull_chunk(CHUNK_S, CHUNK_SAMPLES, as_numpy=True)
+            samples, times_s = inlet.pull_chunk(MAX_CHUNK_DURATION_S, MAX_CHUNK_SAMPLES, as_numpy=True)
             now_s = pylsl.local_clock()
             if len(times_s):
                 silent_since_s = now_s
                 yield samples, times_s
-            self.present = now_s - silent_since_s < patience_s
+            self.available = now_s - silent_since_s < patience_s
 
 
-def describe(name: str, info: pylsl.StreamInfo) -> Stream:
+def describe_stream(name: str, info: pylsl.StreamInfo) -> Stream:
     """Returns the description of a stream for recordings."""
     return Stream(
         stream=name,

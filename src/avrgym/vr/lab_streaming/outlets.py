@@ -13,7 +13,7 @@ from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.session.events import SessionEvent
 from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
-RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
+SEND_RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
 """Sample rate of poses and forces."""
 SENT_BODIES = {
     "head": f"{PREFIX}head",
@@ -24,7 +24,7 @@ SENT_BODIES = {
 """Bodies of the sent poses, by their names in the stream."""
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
-BUFFER_S = 10
+BUFFER_DURATION_S = 10
 """Length of the send buffer."""
 
 
@@ -38,14 +38,14 @@ class Outlets:
     def __init__(self) -> None:
         poses = {f"{name}_{part}": unit for name in SENT_BODIES for part, unit in POSE_CHANNELS.items()}
         self._events = _outlet("events", "Markers", {"event": ""}, 0.0, pylsl.cf_string)
-        self._poses = _outlet("poses", "MoCap", poses, RATE_HZ, pylsl.cf_float32)
+        self._poses = _outlet("poses", "MoCap", poses, SEND_RATE_HZ, pylsl.cf_float32)
         self._forces = _outlet(
-            "forces", "Force", {region.name: "N" for region in BODY_REGIONS}, RATE_HZ, pylsl.cf_float32
+            "forces", "Force", {region.name: "N" for region in BODY_REGIONS}, SEND_RATE_HZ, pylsl.cf_float32
         )
 
     def send_event(self, event: SessionEvent, time_s: float) -> None:
         """Send an event. ``time_s``: its time on Lab Streaming Layer's clock."""
-        self._events.push_sample([event_text(event)], time_s)
+        self._events.push_sample([event_json(event)], time_s)
 
     def send_state(self, world: LiveWorld, time_s: float) -> None:
         """Send poses and forces. ``time_s``: their time on Lab Streaming Layer's clock."""
@@ -55,7 +55,7 @@ class Outlets:
         self._forces.push_sample(simulation.region_force_n()[0].tolist(), time_s)
 
 
-def event_text(event: SessionEvent) -> str:
+def event_json(event: SessionEvent) -> str:
     """Returns an event as JSON text: its type and its fields, without the time."""
     fields: dict[str, object] = msgspec.to_builtins(event, enc_hook=_file_name)
     del fields["time_s"]
@@ -73,4 +73,4 @@ def _outlet(
     info = pylsl.StreamInfo(f"AVR Gym {what}", kind, len(channels), rate_hz, number_format, source)
     info.set_channel_labels(list(channels))
     info.set_channel_units(list(channels.values()))
-    return pylsl.StreamOutlet(info, max_buffered=BUFFER_S)
+    return pylsl.StreamOutlet(info, max_buffered=BUFFER_DURATION_S)

@@ -7,13 +7,13 @@ import msgspec
 import pylsl
 
 from avrgym.recording.schema import Stream, StreamSamples
-from avrgym.vr.lab_streaming.choice import StreamChoice
+from avrgym.vr.lab_streaming.choice import StreamSettings
 from avrgym.vr.lab_streaming.inlets import Inlet
 from avrgym.vr.lab_streaming.outlets import Outlets
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
-DRIFT_S = 1e-6
+MAX_CLOCK_DRIFT_S = 1e-6
 """Maximum drift per tick between the session's clock and Lab Streaming Layer's clock. On one computer, the drift is
 smaller."""
 
@@ -25,24 +25,24 @@ class LabStreams:
     delay determines the clock offset between the session and Lab Streaming Layer.
     """
 
-    def __init__(self, choice: StreamChoice) -> None:
+    def __init__(self, choice: StreamSettings) -> None:
         """Create the streams to send, and start the search for the streams to receive."""
         self._clock_offset_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
 
     @property
-    def present(self) -> Mapping[str, bool]:
+    def available(self) -> Mapping[str, bool]:
         """Whether each requested stream is available, by stream name."""
-        return {inlet.name: inlet.present for inlet in self._inlets}
+        return {inlet.name: inlet.available for inlet in self._inlets}
 
-    def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
+    def pop_samples(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
         """Returns the samples that have arrived since the last call, with times on the session's clock."""
         clock_offset_s = self._clock_offset_s = self._aligned(now_s)
         return [
             (stream, _later(samples, clock_offset_s))
             for inlet in self._inlets
-            for stream, samples in inlet.take()
+            for stream, samples in inlet.pop_samples()
         ]
 
     def send_event(self, event: SessionEvent) -> None:
@@ -70,7 +70,9 @@ class LabStreams:
     def _aligned(self, now_s: float) -> float:
         """Returns the session's clock minus Lab Streaming Layer's clock. The session's time is at least ``now_s``."""
         seen_s = now_s - pylsl.local_clock()
-        return seen_s if self._clock_offset_s is None else max(self._clock_offset_s - DRIFT_S, seen_s)
+        return (
+            seen_s if self._clock_offset_s is None else max(self._clock_offset_s - MAX_CLOCK_DRIFT_S, seen_s)
+        )
 
 
 def _later(samples: StreamSamples, by_s: float) -> StreamSamples:
@@ -78,7 +80,7 @@ def _later(samples: StreamSamples, by_s: float) -> StreamSamples:
 
 
 @contextmanager
-def lab_streams(choice: StreamChoice) -> Generator[LabStreams]:
+def open_lab_streams(choice: StreamSettings) -> Generator[LabStreams]:
     """Context manager that yields the streams of a session and closes them at the end."""
     streams = LabStreams(choice)
     try:

@@ -23,7 +23,7 @@ class ArmContactMonitor:
             for side in ("left", "right")
         }
 
-    def sides(self) -> tuple[bool, bool]:
+    def touched_sides(self) -> tuple[bool, bool]:
         """Returns whether robot or tool touch the left and the right arm (with its hand)."""
         geoms = self._batch.get_data(0, self._data).contact.geom
         return self._touches("left", geoms), self._touches("right", geoms)

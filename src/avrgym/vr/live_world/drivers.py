@@ -16,12 +16,12 @@ from avrgym.array_types import FloatArray
 from avrgym.policies import controllers, registry
 from avrgym.policies.cartesian_control import CartesianController
 from avrgym.policies.controllers import Controller, ExternalController
-from avrgym.policies.registry import ActionFunction, AnyPolicy, HumanOperator, Script
+from avrgym.policies.registry import ActionFunction, AnyPolicy, HumanOperator, ScriptedPolicy
 from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.protocol.messages import Drive
 
-Generators = Sequence[np.random.Generator]
+RandomGenerators = Sequence[np.random.Generator]
 """Random generators of the episodes, one for each world."""
 
 RESPONSE_TIMEOUT_S = 0.08
@@ -31,7 +31,7 @@ SIMULATED_RESPONSE_TIMEOUT_S = 10.0
 OPERATOR_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time."""
 
-NO_ACTION = np.zeros((1, 0))
+EMPTY_ACTION = np.zeros((1, 0))
 """The action (1, 0) before the first episode, while the number of joints is unknown."""
 
 
@@ -44,7 +44,7 @@ class Driver(Protocol):
     """Commands the robot of a live world in all episodes of a session."""
 
     @property
-    def failure(self) -> str:
+    def failure_message(self) -> str:
         """Message of the current ``ControllerError``; empty if there is none."""
         ...
 
@@ -53,7 +53,7 @@ class Driver(Protocol):
         """Whether the robot holds its position because there is no action."""
         ...
 
-    def reset(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         ...
 
@@ -82,25 +82,25 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
 def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
     """Compiles the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
     with suppress(RuntimeError, ValueError):
-        registry.render_once(policy, episodes)
+        registry.warm_up_renderer(policy, episodes)
 
 
 class SynchronousDriver:
     """Drives the robot with a policy of AVR Gym. Its action is computed within the tick."""
 
-    def __init__(self, policy: Policy | Script) -> None:
-        self.failure = ""
+    def __init__(self, policy: Policy | ScriptedPolicy) -> None:
+        self.failure_message = ""
         self._policy = policy
         self._act: ActionFunction | None = None
 
     @property
     def idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
-        return self.failure != ""
+        return self.failure_message != ""
 
-    def reset(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started. ``generators`` contains its random generator."""
-        self.failure, self._act = "", None
+        self.failure_message, self._act = "", None
         self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
         _prepare(self._policy, episodes)
 
@@ -110,9 +110,9 @@ class SynchronousDriver:
             act = self._act = self._act or registry.action_function(self._policy, *self._episode)
             action = controllers.checked_action(lambda: act(observation), self._zero_action.shape)
         except Exception as error:  # an expert may fail in a rare state
-            self.failure = str(controllers.controller_error(error))
+            self.failure_message = str(controllers.controller_error(error))
             return self._zero_action
-        self.failure = ""
+        self.failure_message = ""
         return action
 
     def update_action(self) -> FloatArray | None:
@@ -136,20 +136,20 @@ class ThreadedDriver:
         self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
         self._worker = ControllerThread(factory)
         self._ready = self._pending = None
-        self._zero_action = NO_ACTION
+        self._zero_action = EMPTY_ACTION
         self._hold("")
 
     @property
     def idle(self) -> bool:
         """Whether the robot holds its position because there is no action."""
-        return self.failure != ""
+        return self.failure_message != ""
 
-    def reset(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started. ``generators`` contains its random generator."""
         if self._worker.busy:
             self._worker.close()
             self._worker = ControllerThread(self._controller_factory)
-        seed, environment = registry.controller_seed(generators[0]), episodes.environment_id
+        seed, environment = registry.draw_controller_seed(generators[0]), episodes.environment_id
         self._ready = self._request(lambda controller: controllers.reset(controller, seed, environment))
         self._pending, self._zero_action = None, zero_action(episodes)
         self._episodes = episodes
@@ -161,8 +161,8 @@ class ThreadedDriver:
         self._poll()
         if self._ready is None or not self._ready.done:
             self._hold(self._timeout_message)
-        elif self._ready.failure:
-            self._hold(self._ready.failure)
+        elif self._ready.failure_message:
+            self._hold(self._ready.failure_message)
         elif self._pending is None:
             self._ask(observation)
             self._poll()
@@ -193,7 +193,7 @@ class ThreadedDriver:
         if waits:
             self._worker.join(self._limit_s)
 
-    def _request(self, work: "Work") -> "Request":
+    def _request(self, work: "ControllerCall") -> "ControllerRequest":
         request = self._worker.submit(work)
         if not self._background:
             request.wait(self._limit_s)
@@ -208,30 +208,30 @@ class ThreadedDriver:
             self._pending = None
         if pending.elapsed_s > self._limit_s:
             self._hold(self._timeout_message)
-        elif self._pending is None and pending.failure:
-            self._hold(pending.failure)
+        elif self._pending is None and pending.failure_message:
+            self._hold(pending.failure_message)
         elif self._pending is None and pending.answer is not None:
-            self._action, self.failure = pending.answer[None], ""
+            self._action, self.failure_message = pending.answer[None], ""
 
     def _hold(self, failure: str) -> None:
-        self._action, self.failure = self._zero_action, failure
+        self._action, self.failure_message = self._zero_action, failure
 
 
-Work = Callable[[Controller], FloatArray | None]
+ControllerCall = Callable[[Controller], FloatArray | None]
 """A function that calls a controller, and returns its action if there is one."""
 
 
-class Request:
+class ControllerRequest:
     """A request to a controller.
 
     ``answer``: the controller's action, if any. ``failure``: the error message. They are set before ``done`` is true.
     """
 
-    def __init__(self, work: Work) -> None:
+    def __init__(self, work: ControllerCall) -> None:
         self._work, self._requested_s, self._ended_s = work, time.monotonic(), 0.0
         self._done = threading.Event()
         self.answer: FloatArray | None = None
-        self.failure = ""
+        self.failure_message = ""
 
     @property
     def done(self) -> bool:
@@ -248,7 +248,7 @@ class Request:
         try:
             answer = self._work(get_controller())
         except (Exception, SystemExit) as error:  # external code may raise anything
-            self.failure = str(controllers.controller_error(error))
+            self.failure_message = str(controllers.controller_error(error))
         else:
             self.answer = answer
         self._ended_s = time.monotonic()
@@ -265,8 +265,8 @@ class ControllerThread:
     def __init__(self, factory: ExternalController) -> None:
         self._controller_factory = factory
         self._controller: Controller | None = None
-        self._latest: Request | None = None
-        self._queue: SimpleQueue[Request | None] = SimpleQueue()
+        self._latest: ControllerRequest | None = None
+        self._queue: SimpleQueue[ControllerRequest | None] = SimpleQueue()
         self._closed = False
         self._thread = threading.Thread(target=self._run, name=factory.name, daemon=True)
         self._thread.start()
@@ -276,16 +276,16 @@ class ControllerThread:
         """Whether a request is not done."""
         return self._latest is not None and not self._latest.done
 
-    def submit(self, work: Work) -> Request:
+    def submit(self, work: ControllerCall) -> ControllerRequest:
         """Adds a request to the end of the queue. Returns the request."""
-        self._latest = request = Request(work)
+        self._latest = request = ControllerRequest(work)
         self._queue.put(request)
         return request
 
     def close(self) -> None:
         """Close the controller after the requests in the queue, and end the thread."""
         if self._controller is not None and not self._closed:
-            self.submit(controllers.close)
+            self.submit(controllers.close_controller)
         self._closed = True
         self._queue.put(None)
 
@@ -305,11 +305,11 @@ class ControllerThread:
 class OperatorDriver:
     """Drives the robot with an operator's velocity commands for its hand. Without commands, the robot does not move."""
 
-    failure = ""
+    failure_message = ""
 
     def __init__(self) -> None:
         self._hand: CartesianController | None = None
-        self._zero_action = NO_ACTION
+        self._zero_action = EMPTY_ACTION
         self._velocity: tuple[FloatArray, FloatArray] | None = None
         self._commanded_s = 0.0
         self._changed = False
@@ -319,31 +319,31 @@ class OperatorDriver:
         """Whether the robot holds its position because there is no command."""
         return self._velocity is None
 
-    def reset(self, episodes: Episodes, generators: Generators) -> None:
+    def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started."""
         self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
-        self.release()
+        self.stop_robot()
 
-    def take_command(self, command: Drive, now_s: float) -> None:
+    def apply_command(self, command: Drive, now_s: float) -> None:
         """Apply a command from the operator's page. ``now_s``: the current time on the session's clock."""
         if command.engaged:
-            self.drive(_in_world(command.linear), _in_world(command.angular), now_s)
+            self.command_velocity(_in_world(command.linear), _in_world(command.angular), now_s)
         else:
-            self.release()
+            self.stop_robot()
 
-    def drive(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
+    def command_velocity(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
         """Move the hand with a linear and an angular velocity (3,), see ``CartesianController.action``."""
         self._velocity, self._commanded_s = (linear, angular), now_s
         self._changed = True
 
-    def release(self) -> None:
+    def stop_robot(self) -> None:
         """Stop the robot until the next command."""
         self._velocity, self._changed = None, True
 
     def check_timeout(self, now_s: float) -> None:
         """Stop the robot if the latest command is older than ``OPERATOR_TIMEOUT_S``."""
         if self._velocity is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S:
-            self.release()
+            self.stop_robot()
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) of the latest command."""
@@ -358,7 +358,7 @@ class OperatorDriver:
 
     def close(self) -> None:
         """Stop the robot."""
-        self.release()
+        self.stop_robot()
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:

@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.models import human
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import JOINTS
 from avrgym.simulation.worlds import Simulation
 from avrgym.vr.protocol.messages import Skeleton
-from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE, HEAD_JOINTS, WAIST
+from avrgym.vr.tracking.body import ARM_JOINT_INDICES, HEAD_JOINT_INDICES, WAIST_JOINT_INDICES
 
-OBSTRUCTED_M, FREE_M = 0.008, 0.004
+OBSTRUCTED_DISPLACEMENT_M, FREE_DISPLACEMENT_M = 0.008, 0.004
 """Displacements by contacts: above the first, a part becomes obstructed; below the second, it becomes free."""
 FINGERTIP_DISTANCE_RADII = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
@@ -30,22 +30,28 @@ class ObstructionMonitor:
         self._dofs = model.jnt_dofadr[self._joints]
         self._stiffness = np.array([float(model.actuator(name).gainprm[0]) for name in names])
         fingers_m = -FINGERTIP_DISTANCE_RADII * skeleton.hand_m
-        points = [("head", "head", skeleton.head_centre_m, HEAD_JOINTS)]
-        for side, joints in ARM_JOINTS_BY_SIDE.items():
+        points = [("head", "head", skeleton.head_centre_m, HEAD_JOINT_INDICES)]
+        for side, joints in ARM_JOINT_INDICES.items():
             points += [(side, f"{side}_forearm", 0.0, joints[:3]), (side, f"{side}_hand", fingers_m, joints)]
         self._bodies = np.array([model.body(human.PREFIX + body).id for _, body, _, _ in points])
         self._along_m = np.array([along_m for _, _, along_m, _ in points])
-        self._turned_by = np.array([np.isin(np.arange(len(JOINTS)), WAIST + own) for *_, own in points]).T
-        self._of_part = np.array([[part == each for part, *_ in points] for each in BODY_PARTS])
+        self._turned_by = np.array(
+            [np.isin(np.arange(len(JOINTS)), WAIST_JOINT_INDICES + own) for *_, own in points]
+        ).T
+        self._of_part = np.array([[part == each for part, *_ in points] for each in TRACKED_BODY_PARTS])
         self._torque, self._axis, self._anchor = bind("qfrc_constraint"), bind("xaxis"), bind("xanchor")
         self._xpos, self._xmat = bind("xpos"), bind("xmat")
-        self._obstructed = np.zeros(len(BODY_PARTS), dtype=bool)
+        self._obstructed = np.zeros(len(TRACKED_BODY_PARTS), dtype=bool)
 
-    def parts(self) -> tuple[BodyPart, ...]:
+    def obstructed_parts(self) -> tuple[TrackedBodyPart, ...]:
         """Returns the body parts that are obstructed after the latest physics step."""
         displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(), axis=-1)).max(axis=-1)
-        self._obstructed = displacement_m > np.where(self._obstructed, FREE_M, OBSTRUCTED_M)
-        return tuple(part for part, held in zip(BODY_PARTS, self._obstructed.tolist(), strict=True) if held)
+        self._obstructed = displacement_m > np.where(
+            self._obstructed, FREE_DISPLACEMENT_M, OBSTRUCTED_DISPLACEMENT_M
+        )
+        return tuple(
+            part for part, held in zip(TRACKED_BODY_PARTS, self._obstructed.tolist(), strict=True) if held
+        )
 
     def _displacement_m(self) -> FloatArray:
         """Returns the displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""

@@ -26,7 +26,7 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
     """Returns the description of the first world's scene, see ``messages.Scene``. ``number``: number of the scene."""
     marks = episodes.task.marks
     people = episodes.people
-    head_centre = human.layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
+    head_centre = human.body_layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]
     return messages.Scene(
         url=scene_url(number),
         bodies=list(episodes.simulation.bodies),
@@ -35,7 +35,7 @@ def scene_message(number: int, episodes: Episodes, registration: Registration) -
         mark_radius_m=marks.radius_m if marks else 0.0,
         mark_rgb=marks.rgb if marks else (0.0, 0.0, 0.0),
         eyes=(float(head_centre[0]), float(head_centre[1]) - human.HEADSET_OFFSET_M, float(head_centre[2])),
-        skeleton=skeleton(people.person(0), episodes.scene.posture),
+        skeleton=skeleton(people.person_at(0), episodes.scene.posture),
         xr_from_world=registration.xr_from_world(),
     )
 
@@ -47,7 +47,7 @@ def scene_url(number: int) -> str:
 
 def poses(episodes: Episodes) -> bytes:
     """Returns the poses of bodies and marks in the first world, encoded as in ``messages.State``."""
-    bodies, marks_w = episodes.simulation.body_poses(0), episodes.marks_w()[0]
+    bodies, marks_w = episodes.simulation.body_poses(0), episodes.marker_positions_w()[0]
     all_poses = np.empty((len(bodies) + len(marks_w), 7), "<f4")
     all_poses[: len(bodies)] = bodies
     all_poses[len(bodies) :, :3], all_poses[len(bodies) :, 3:] = marks_w, transforms.IDENTITY_QUATERNION

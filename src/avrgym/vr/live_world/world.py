@@ -6,26 +6,26 @@ from dataclasses import replace
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.human import Person
-from avrgym.models.scene import SUBSTEPS, SceneConfig
+from avrgym.models.scene import DEFAULT_SUBSTEPS, SceneConfig
 from avrgym.recording.input_profile import Arm
 from avrgym.safety.force_guard import ForceGuard
-from avrgym.safety.pacing import Pacing
+from avrgym.safety.pacing import PacingLayer
 from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 from avrgym.system import random_streams
-from avrgym.tasks.control_loop import ControlLoop, ControlStep
+from avrgym.tasks.control_loop import ControlLoop, FirstWorldStep
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import Task
 from avrgym.vr.live_world.drivers import Driver, zero_action
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.tracking.body import ARM_JOINTS_BY_SIDE as ARM_JOINTS
+from avrgym.vr.tracking.body import ARM_JOINT_INDICES as ARM_JOINTS
 from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
@@ -40,7 +40,7 @@ class LiveWorld:
     A driver acts at the control rate, by default 10 Hz. Physics and person are updated at 100 Hz.
     """
 
-    def __init__(self, environment_id: str, person: Person, settings: Settings = DEFAULTS) -> None:
+    def __init__(self, environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> None:
         """Compile the scene for a person.
 
         Raises:
@@ -50,7 +50,7 @@ class LiveWorld:
             environment_id, 1, person=person, moving=True, num_threads=1, by_region=True, settings=settings
         )
         self._solver = BodySolver(person, self._episodes.scene.posture)
-        self._loop = self._episodes.loop
+        self._loop = self._episodes.control_loop
         self._zeros = zero_action(self._episodes)
         self.person = person
         self.joint_targets_rad = person.joint_angles_rad
@@ -65,7 +65,7 @@ class LiveWorld:
     @property
     def braked(self) -> bool:
         """Whether the latest action is zero and the brakes are engaged."""
-        return self._loop.braked
+        return self._loop.is_braked
 
     @property
     def guard(self) -> ForceGuard | None:
@@ -115,15 +115,15 @@ class LiveWorld:
         Raises:
             NoClearanceError: if the person obstructs every initial state. It is a ``ValueError``.
         """
-        self._loop = self._episodes.loop = ControlLoop(self._episodes)
+        self._loop = self._episodes.control_loop = ControlLoop(self._episodes)
         self._episodes.set_person(replace(self.person, joint_angles_rad=self.joint_targets_rad))
         self._generators = [random_streams.episode_generator(seed)]
         self._episodes.reset(np.array([0]), self._generators)
         self.start = self._episodes.episode_start(0)
         self._retreat = Retreat(self._episodes.simulation)
-        self.hold()
+        self.stop_robot()
 
-    def follow(self, pose: BodyPose, resting: Collection[Arm] = ()) -> None:
+    def follow_pose(self, pose: BodyPose, resting: Collection[Arm] = ()) -> None:
         """Command joint targets with which the person's head and hands follow the participant's pose.
 
         ``resting``: arms that return to their rest pose while their hand has no pose.
@@ -137,15 +137,15 @@ class LiveWorld:
         self.joint_targets_rad = targets
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 
-    def hold(self) -> None:
+    def stop_robot(self) -> None:
         """Stop the robot with its brakes. Discards an unfinished control step."""
         self._episodes.simulation.brake_robot()
         self._loop.abort_step()
         self._retreated_ticks: int | None = None
 
-    def retreat(self) -> None:
+    def start_retreat(self) -> None:
         """Stop the robot, then move its tool away from the person, once per episode; see ``safety.retreat``."""
-        self.hold()
+        self.stop_robot()
         self._retreated_ticks = 0
 
     @property
@@ -153,16 +153,16 @@ class LiveWorld:
         """Whether the robot retreats: it moves its tool away from the person."""
         return self._retreated_ticks is not None
 
-    def prepare(
+    def prepare_driver(
         self,
         driver: Driver,
         *,
         force_guard: bool = False,
         withdraw_after_success: bool = False,
-        rules: AppliedRules | None = None,
+        rules: TrialRules | None = None,
     ) -> None:
         """Prepare a driver for the current episode, and build the control loop with its safety layers."""
-        self._loop = self._episodes.loop = ControlLoop(
+        self._loop = self._episodes.control_loop = ControlLoop(
             self._episodes,
             force_guard=force_guard,
             withdraw_after_success=withdraw_after_success,
@@ -174,20 +174,20 @@ class LiveWorld:
         driver.reset(self._episodes, self._generators)
 
     @property
-    def pacing(self) -> Pacing | None:
+    def pacing(self) -> PacingLayer | None:
         """The pacing layer, if the trial has one."""
         return self._loop.pacing
 
-    def take_command(self, command: CommandName) -> bool:
+    def apply_command(self, command: CommandName) -> bool:
         """Applies a command of the participant. Returns whether it has an effect on the robot."""
-        return bool(self._loop.take_command(command)[0])
+        return bool(self._loop.apply_command(command)[0])
 
     @property
     def withdrawing(self) -> bool:
         """Whether the robot withdraws its tool after success, or waits after the withdrawal."""
         return bool(self._loop.withdrawing[0])
 
-    def tick(self, driver: Driver | None, *, hold: bool = False) -> ControlStep | None:
+    def tick(self, driver: Driver | None, *, hold: bool = False) -> FirstWorldStep | None:
         """Advances the world by 10 ms. Returns the control step at its last tick, otherwise ``None``.
 
         ``driver``: a prepared driver that moves the robot. With ``hold``, the brakes hold the robot, also during a
@@ -202,14 +202,14 @@ class LiveWorld:
     def _tick_retreat(self, ticks: int, *, hold: bool) -> None:
         """Commands the robot every 0.1 s until the retreat is complete."""
         if hold:
-            self._loop.move(self._zeros if self._loop.moving else None, hold=True)
+            self._loop.advance_with_action(self._zeros if self._loop.moving else None, hold=True)
             return
-        due = ticks >= BRAKING_TICKS and (ticks - BRAKING_TICKS) % SUBSTEPS == 0
-        action = self._retreat.action() if due else None
+        due = ticks >= BRAKING_TICKS and (ticks - BRAKING_TICKS) % DEFAULT_SUBSTEPS == 0
+        action = self._retreat.next_action() if due else None
         self._retreated_ticks = None if due and action is None else ticks + 1
-        self._loop.move(None if action is None else action[None])
+        self._loop.advance_with_action(None if action is None else action[None])
 
-    def state_vector(self) -> FloatArray:
+    def integration_state(self) -> FloatArray:
         """Returns MuJoCo's integration state, see ``Simulation.integration_state``."""
         return self._episodes.simulation.integration_state()
 
@@ -218,10 +218,10 @@ class LiveWorld:
         """Dimensions of the person's body."""
         return skeleton(self.person, self._episodes.scene.posture)
 
-    def body_poses(self) -> bytes:
+    def encode_poses(self) -> bytes:
         """Returns the poses of ``bodies`` and marks, encoded as in ``messages.State``."""
         return poses(self._episodes)
 
-    def scene(self, number: int, registration: Registration) -> messages.Scene:
+    def scene_message(self, number: int, registration: Registration) -> messages.Scene:
         """Returns the description of the scene for clients. ``number``: number of the scene in its URL."""
         return scene_message(number, self._episodes, registration)

@@ -14,9 +14,9 @@ import msgspec
 
 from avrgym.commands.input_names import InputMethod as InputMethod
 from avrgym.commands.input_names import StopInput as StopInput
-from avrgym.commands.vocabulary import ClientSource, Source, WatcherSource
+from avrgym.commands.vocabulary import ClientSource, CommandSource, OtherPersonSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
-from avrgym.models.body_names import BodyPart
+from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
@@ -26,7 +26,7 @@ from avrgym.recording.presentation import Contrast as Contrast
 from avrgym.recording.presentation import PanelPosition as PanelPosition
 from avrgym.recording.presentation import Presentation as Presentation
 
-PROTOCOL = 16
+PROTOCOL_VERSION = 16
 """Version of the protocol. Client and server must have the same version."""
 
 TICK_S = PHYSICS_STEP_S
@@ -315,7 +315,7 @@ class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
     """A command of the caregiver or the experimenter to the robot, as ``RobotCommand``."""
 
     name: RobotCommandName
-    source: WatcherSource
+    source: OtherPersonSource
     client_time_ms: float
 
 
@@ -461,7 +461,7 @@ class State(Message, frozen=True):
     simulation_time_s: float
     tracking_sequence: int
     joint_targets: bytes
-    deviating_parts: list[BodyPart]
+    deviating_parts: list[TrackedBodyPart]
     poses: bytes
 
 
@@ -482,7 +482,7 @@ class StateChange(Message, frozen=True, tag="state"):
     sequence: int
     simulation_time_s: float
     tracking_sequence: int
-    deviating_parts: list[BodyPart]
+    deviating_parts: list[TrackedBodyPart]
     joint_targets: bytes
     poses: bytes
 
@@ -564,7 +564,7 @@ class RobotCommands(Message, frozen=True, tag="robot_commands"):
     """
 
     commands: list[CommandLabel]
-    sources: list[Source]
+    sources: list[CommandSource]
     mode: str
     speed_factor: float
     distance_m: float
@@ -623,8 +623,8 @@ class Status(Message, frozen=True, tag="status"):
     visibility: Visibility
     left_modality: Modality
     right_modality: Modality
-    needed_parts: list[BodyPart]
-    untracked_parts: list[BodyPart]
+    needed_parts: list[TrackedBodyPart]
+    untracked_parts: list[TrackedBodyPart]
     operated: bool
     idle: bool
     latency: list[StageLatency]
@@ -663,9 +663,9 @@ ServerMessage = (
     | Timing
 )
 
-Sent = ServerMessage | State
+SentMessage = ServerMessage | State
 """All messages that a session sends. Clients receive a ``State`` as a ``StateChange``."""
-Send = Callable[[Sent], None]
+SendMessage = Callable[[SentMessage], None]
 """Function that sends a message to its receivers."""
 
 _Any = TypeVar("_Any")
@@ -708,9 +708,9 @@ def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
 # Messages to a session --------------------------------------------------------------------------------------
 
 
-class Disconnected(msgspec.Struct, frozen=True):
+class ParticipantDisconnected(msgspec.Struct, frozen=True):
     """The participant's connection has closed."""
 
 
-Received = ClientMessage | ExperimenterMessage | Disconnected
+ReceivedMessage = ClientMessage | ExperimenterMessage | ParticipantDisconnected
 """All messages that a session receives: from its clients, and the end of the participant's connection."""

@@ -14,25 +14,28 @@ POSITION_STEP_M = 1e-4
 QUATERNION_STEP = 5e-5
 """Quantisation step of a quaternion's components. The rounding error of a rotation is at most 1e-4 rad."""
 JOINT_STEP_RAD = 1e-5
-POSE_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
-JOINT_STEPS = np.array([JOINT_STEP_RAD])
-MAX_STEPS = 2.0**31 - 1.0
+POSE_QUANTISATION_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
+JOINT_QUANTISATION_STEPS = np.array([JOINT_STEP_RAD])
+MAX_QUANTISATION_STEPS = 2.0**31 - 1.0
 """Values are clipped to ± this number of steps. NaN is encoded as the lower limit."""
 
-DIGIT_BITS = 7
+VARINT_DIGIT_BITS = 7
 
-Integers = NDArray[np.int64]
+IntegerArray = NDArray[np.int64]
 
 
 class StateEncoder:
     """Encodes the states of one connection, in the server."""
 
     def __init__(self) -> None:
-        self.begin_scene()
+        self.reset()
 
-    def begin_scene(self) -> None:
+    def reset(self) -> None:
         """Reset after a scene message: the next state is encoded without a previous one."""
-        self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
+        self._targets, self._poses = (
+            _DeltaCodec(JOINT_QUANTISATION_STEPS),
+            _DeltaCodec(POSE_QUANTISATION_STEPS),
+        )
 
     def encode(self, state: State) -> StateChange:
         """Returns the encoded difference to the previous state."""
@@ -50,11 +53,14 @@ class StateDecoder:
     """Decodes the states of one connection, in a Python client."""
 
     def __init__(self) -> None:
-        self.begin_scene()
+        self.reset()
 
-    def begin_scene(self) -> None:
+    def reset(self) -> None:
         """Reset after a scene message: the next state is decoded without a previous one."""
-        self._targets, self._poses = _DeltaCodec(JOINT_STEPS), _DeltaCodec(POSE_STEPS)
+        self._targets, self._poses = (
+            _DeltaCodec(JOINT_QUANTISATION_STEPS),
+            _DeltaCodec(POSE_QUANTISATION_STEPS),
+        )
 
     def decode(self, change: StateChange) -> State:
         """Returns the state. Each value is within half a quantisation step of the original."""
@@ -73,29 +79,31 @@ class _DeltaCodec:
 
     def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
-        self._whole: Integers = np.zeros((0, len(steps)), np.int64)
+        self._whole: IntegerArray = np.zeros((0, len(steps)), np.int64)
 
     def encode(self, numbers: bytes) -> bytes:
         """Encode the difference of these numbers (little-endian float32) to the previous ones."""
         rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
-        whole = np.rint(np.fmin(np.fmax(rows, -MAX_STEPS), MAX_STEPS)).astype(np.int64)
+        whole = np.rint(np.fmin(np.fmax(rows, -MAX_QUANTISATION_STEPS), MAX_QUANTISATION_STEPS)).astype(
+            np.int64
+        )
         if not len(self._whole):
             self._whole = whole
-            return pack(np.arange(len(whole)), whole)
+            return encode_row_changes(np.arange(len(whole)), whole)
         changes, self._whole = whole - self._whole, whole
         rows = np.flatnonzero((changes != 0).any(axis=1))
-        return pack(rows, changes[rows])
+        return encode_row_changes(rows, changes[rows])
 
     def decode(self, packed: bytes) -> bytes:
         """Decode differences. Returns the new numbers (little-endian float32)."""
-        rows, changes = unpack(packed, len(self._steps))
+        rows, changes = decode_row_changes(packed, len(self._steps))
         if not len(self._whole):
             self._whole = np.zeros((1 + max(rows, default=-1), len(self._steps)), np.int64)
         self._whole[rows] += changes
         return (self._whole * self._steps).astype("<f4").tobytes()
 
 
-def pack(rows: Integers, changes: Integers) -> bytes:
+def encode_row_changes(rows: IntegerArray, changes: IntegerArray) -> bytes:
     """Encode the changes (R, columns) of the rows with these ascending indices (R,). Returns the bytes.
 
     For each row: the number of unchanged rows before it, then its changes in zigzag encoding. All are varints as in
@@ -104,15 +112,15 @@ def pack(rows: Integers, changes: Integers) -> bytes:
     numbers = np.empty((len(rows), 1 + changes.shape[1]), np.int64)
     numbers[:, 0] = np.diff(rows, prepend=-1) - 1
     numbers[:, 1:] = (changes << 1) ^ (changes >> 63)
-    digits = -(-int(numbers.max(initial=1)).bit_length() // DIGIT_BITS)
-    rest = numbers.reshape(-1, 1) >> (DIGIT_BITS * np.arange(digits))
+    digits = -(-int(numbers.max(initial=1)).bit_length() // VARINT_DIGIT_BITS)
+    rest = numbers.reshape(-1, 1) >> (VARINT_DIGIT_BITS * np.arange(digits))
     written = rest > 0
     written[:, 0] = True
-    more = (rest > 0x7F) << DIGIT_BITS
+    more = (rest > 0x7F) << VARINT_DIGIT_BITS
     return ((rest & 0x7F) | more)[written].astype(np.uint8).tobytes()
 
 
-def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
+def decode_row_changes(packed: bytes, columns: int) -> tuple[IntegerArray, IntegerArray]:
     """Decode the result of ``pack``. Returns the indices (R,) and the changes (R, columns) of rows.
 
     Raises:
@@ -126,7 +134,7 @@ def unpack(packed: bytes, columns: int) -> tuple[Integers, Integers]:
             f"incomplete data: {len(packed)} bytes do not end with a complete row of {columns} numbers"
         )
     place = np.arange(len(digits)) - np.repeat(starts, ends - starts + 1)
-    numbers = np.add.reduceat((digits & 0x7F) << (DIGIT_BITS * place), starts) if len(ends) else digits
+    numbers = np.add.reduceat((digits & 0x7F) << (VARINT_DIGIT_BITS * place), starts) if len(ends) else digits
     table = numbers.reshape(-1, 1 + columns)
     zigzag = table[:, 1:]
     return np.cumsum(table[:, 0] + 1) - 1, (zigzag >> 1) ^ -(zigzag & 1)

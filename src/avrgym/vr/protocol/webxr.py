@@ -17,8 +17,8 @@ from avrgym.geometry import transforms
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M
 from avrgym.vr.protocol.messages import XRPose
 
-MAX_DISTANCE_M = 10.0
-UNIT_TOLERANCE = 1e-2
+MAX_ORIGIN_DISTANCE_M = 10.0
+UNIT_QUATERNION_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
 WRIST_TO_HAND_M = 0.08
@@ -66,7 +66,7 @@ class Registration:
         return self.from_world(Pose(np.zeros(3), transforms.IDENTITY_QUATERNION))
 
 
-def register(head: XRPose, head_centre_w: FloatArray) -> Registration:
+def registration_from_head(head: XRPose, head_centre_w: FloatArray) -> Registration:
     """Returns the registration that places the participant's head at ``head_centre_w``, with the nose towards −y.
 
     The real and the simulated head then coincide, and so do the seats. The two floors differ in height by the
@@ -148,7 +148,7 @@ def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
     return Pose(pos_w, q_w)
 
 
-def is_valid(pose: XRPose) -> bool:
+def is_valid_pose(pose: XRPose) -> bool:
     """Returns whether a pose is finite, within 10 m of the origin, and has a unit quaternion."""
-    within = all(abs(number) <= MAX_DISTANCE_M for number in (*pose.position, *pose.orientation))
-    return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_TOLERANCE
+    within = all(abs(number) <= MAX_ORIGIN_DISTANCE_M for number in (*pose.position, *pose.orientation))
+    return within and abs(hypot(*pose.orientation) - 1.0) < UNIT_QUATERNION_TOLERANCE

@@ -57,7 +57,7 @@ def _of_geom(
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
     """Returns the colour (V, 4) of each vertex: material colour times texture colour."""
-    colours, texture = skin.rgba.copy(), texture_index(model, skin.material)
+    colours, texture = skin.rgba.copy(), texture_index(model, skin.material_id)
     if texture >= 0:
         pixels = texture_pixels(model, texture)
         row, column = (
@@ -70,18 +70,20 @@ def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
 
 def _cut(skin: Skin, colours: FloatArray) -> list[tuple[str, BodySurface]]:
     """Divides a skin by body. Returns body names and surfaces, each in the frame of its body."""
-    bodies = list(dict.fromkeys(bone.body for bone in skin.bones))
-    of_bone = np.array([bodies.index(bone.body) for bone in skin.bones])
+    bodies = list(dict.fromkeys(bone.body_name for bone in skin.bones))
+    of_bone = np.array([bodies.index(bone.body_name) for bone in skin.bones])
     weights = np.zeros((len(skin.vertices), len(bodies)))
-    for place in range(skin.bone_of.shape[1]):
+    for place in range(skin.bone_indices.shape[1]):
         np.add.at(
-            weights, (np.arange(len(weights)), of_bone[skin.bone_of[:, place]]), skin.weight_of[:, place]
+            weights,
+            (np.arange(len(weights)), of_bone[skin.bone_indices[:, place]]),
+            skin.bone_weights[:, place],
         )
     of_face: IntArray = weights[skin.faces].sum(axis=1).argmax(axis=1)
     parts: list[tuple[str, BodySurface]] = []
     for number in map(int, np.unique(of_face)):
         used, faces = np.unique(skin.faces[of_face == number], return_inverse=True)
-        bind = next(bone.inverse_bind for bone in skin.bones if bone.body == bodies[number])
+        bind = next(bone.inverse_bind for bone in skin.bones if bone.body_name == bodies[number])
         vertices = skin.vertices[used] @ bind[:3, :3].T + bind[:3, 3]
         parts.append((bodies[number], BodySurface(vertices, faces.reshape(-1, 3), colours[used])))
     return parts

@@ -11,10 +11,10 @@ from typing import ParamSpec, TypeVar
 import mujoco
 
 from avrgym.models.human import Person
-from avrgym.models.scene import build_spec
+from avrgym.models.scene import build_scene_spec
 from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
 from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.scene.scene_export import export_glb
 
 P = ParamSpec("P")
@@ -28,24 +28,24 @@ def warm_up() -> None:
     """Does nothing. Before the process runs this first task, it imports its modules."""
 
 
-def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULTS) -> bytes:
+def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> bytes:
     """Returns the GLB file of an environment with a person."""
     return export_glb(model_with_appearance(environment_id, person, settings))
 
 
 def model_with_appearance(
-    environment_id: str, person: Person, settings: Settings = DEFAULTS
+    environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
 ) -> mujoco.MjModel:
     """Returns the model of an environment with a person, including materials and textures."""
     _, scene = task_and_scene(environment_id, settings)
-    return build_spec(scene, person, moving=True, appearance=True).compile()
+    return build_scene_spec(scene, person, moving=True, appearance=True).compile()
 
 
 class SceneExporter:
     """Exports each scene once, and caches its GLB file."""
 
     def __init__(self) -> None:
-        self._pool = export_process()
+        self._pool = make_export_pool()
         self._scenes: dict[int, Future[bytes]] = {}
         self._lock = threading.Lock()
 
@@ -55,7 +55,7 @@ class SceneExporter:
             self._submit(warm_up)
 
     def export(
-        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
+        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
     ) -> Future[bytes]:
         """Starts the export of scene ``number``, unless it is cached. Returns the future of the GLB file."""
         with self._lock:
@@ -65,8 +65,8 @@ class SceneExporter:
                     del self._scenes[next(iter(self._scenes))]
             return self._scenes[number]
 
-    async def glb(
-        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULTS
+    async def wait_for_glb(
+        self, number: int, environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
     ) -> bytes:
         """Waits for the GLB file of scene ``number`` and returns it. After an error, the next request exports it
         again."""
@@ -84,7 +84,7 @@ class SceneExporter:
             try:
                 return self._pool.submit(work, *args, **kwargs)
             except BrokenProcessPool:
-                self._pool = export_process()
+                self._pool = make_export_pool()
                 return self._pool.submit(work, *args, **kwargs)
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class SceneExporter:
         self._pool.shutdown(cancel_futures=True)
 
 
-def export_process() -> ProcessPoolExecutor:
+def make_export_pool() -> ProcessPoolExecutor:
     """Returns a pool of one process. It exits when the current process exits."""
     return ProcessPoolExecutor(
         1, mp_context=multiprocessing.get_context("spawn"), initializer=exit_with_parent

@@ -13,11 +13,11 @@ import trimesh
 from avrgym.array_types import FloatArray
 from avrgym.geometry.transforms import to_matrix
 
-DETAILED_TRIANGLES = 2000
+MAX_DETAILED_TRIANGLES = 2000
 """Meshes with more triangles are simplified to this number, plus a sixth of the number above it."""
 SIMPLIFICATION_AGGRESSION = 3
 """Aggression of the simplification, 0 to 10. The default of 7 removes small parts."""
-WELD_DIGITS = 5
+WELD_DECIMALS = 5
 """Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
 """Edges between faces at a smaller angle are shaded smoothly."""
@@ -77,12 +77,12 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
 
 def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
     """Returns the mesh with fewer triangles, smooth normals and sharp edges."""
-    full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DIGITS)
+    full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DECIMALS)
     full.update_faces(full.nondegenerate_faces())
     count = len(full.faces)
-    if count > DETAILED_TRIANGLES:
+    if count > MAX_DETAILED_TRIANGLES:
         full = full.simplify_quadric_decimation(
-            face_count=DETAILED_TRIANGLES + (count - DETAILED_TRIANGLES) // 6,
+            face_count=MAX_DETAILED_TRIANGLES + (count - MAX_DETAILED_TRIANGLES) // 6,
             aggression=SIMPLIFICATION_AGGRESSION,
         )
     return cast(trimesh.Trimesh, trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD))

@@ -22,7 +22,7 @@ class GlbWriter:
         self._binary = bytearray()
         self._lists: dict[str, list[dict[str, Any]]] = {}
 
-    def add(self, kind: str, **content: Any) -> int:
+    def add_element(self, kind: str, **content: Any) -> int:
         """Adds an element to one of the document's lists, such as ``nodes``. Returns its index."""
         elements = self._lists.setdefault(kind, [])
         elements.append(content)
@@ -51,8 +51,8 @@ class GlbWriter:
 
     def add_texture(self, data: bytes, mime_type: str) -> int:
         """Adds an encoded image (such as JPEG) as a texture. Returns its index."""
-        image = self.add("images", bufferView=self._add_view(data), mimeType=mime_type)
-        return self.add("textures", source=image, sampler=self._sampler())
+        image = self.add_element("images", bufferView=self._add_view(data), mimeType=mime_type)
+        return self.add_element("textures", source=image, sampler=self._sampler())
 
     def to_bytes(self, roots: Sequence[int]) -> bytes:
         """Returns the bytes of the file. ``roots``: indices of the scene's root nodes."""
@@ -73,10 +73,10 @@ class GlbWriter:
         self._binary += b"\0" * (-len(self._binary) % _ALIGNMENT)
         offset = len(self._binary)
         self._binary += data
-        return self.add("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **layout)
+        return self.add_element("bufferViews", buffer=0, byteOffset=offset, byteLength=len(data), **layout)
 
     def _add_accessor(self, values: NumpyArray, view: int, **rest: Any) -> int:
-        return self.add(
+        return self.add_element(
             "accessors",
             bufferView=view,
             componentType=_COMPONENT[values.dtype.name],
@@ -87,7 +87,7 @@ class GlbWriter:
 
     def _sampler(self) -> int:
         if "samplers" not in self._lists:
-            self.add("samplers", magFilter=9729, minFilter=9987, wrapS=33071, wrapT=33071)
+            self.add_element("samplers", magFilter=9729, minFilter=9987, wrapS=33071, wrapT=33071)
         return 0
 
 

@@ -47,7 +47,7 @@ _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 
 
 @dataclass(frozen=True)
-class Finish:
+class SurfaceMaterial:
     """Properties of a surface except its colour.
 
     ``texture`` is the id of a texture in the model, or −1. Cloth is ``two_sided``.
@@ -56,11 +56,13 @@ class Finish:
     metallic: float
     roughness: float
     alpha: float
-    texture: int = -1
+    texture_id: int = -1
     two_sided: bool = False
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1) -> "Finish":
+    def from_material(
+        cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1
+    ) -> "SurfaceMaterial":
         """Returns the finish of a material id (−1: no material). Values are rounded to limit the number of finishes."""
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
@@ -69,7 +71,7 @@ class Finish:
             metallic=round(2.0 * float(metallic)) / 2.0 if metallic >= 0.0 else 0.0,
             roughness=round(4.0 * float(roughness)) / 4.0 if roughness >= 0.0 else DEFAULT_ROUGHNESS,
             alpha=round(float(alpha), 2),
-            texture=texture,
+            texture_id=texture,
         )
 
 
@@ -85,7 +87,7 @@ class _Export:
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         self._roots: list[int] = []
-        self._finishes: dict[Finish, int] = {}
+        self._finishes: dict[SurfaceMaterial, int] = {}
         self._joints: dict[tuple[str, bool], int] = {}
 
     def run(self) -> bytes:
@@ -106,7 +108,7 @@ class _Export:
 
     def _add_body(self, body: int, geoms: list[int]) -> None:
         children = [
-            self._glb.add("nodes", mesh=mesh, scale=[scale] * 3)
+            self._glb.add_element("nodes", mesh=mesh, scale=[scale] * 3)
             for finish, pieces in self._by_finish(body, geoms).items()
             for mesh, scale in [self._add_mesh(pieces, finish)]
         ]
@@ -114,7 +116,7 @@ class _Export:
 
     def _add_root(self, body: int, **content: object) -> int:
         name = self._model.body(body).name
-        node = self._glb.add("nodes", name=name, **self._pose(body), **content, extras={"body": name})
+        node = self._glb.add_element("nodes", name=name, **self._pose(body), **content, extras={"body": name})
         self._roots.append(node)
         return node
 
@@ -122,26 +124,26 @@ class _Export:
         ((finish, pieces),) = self._by_finish(bodies[0], geoms).items()
         mesh, _ = self._add_mesh(pieces, finish, quantised=False)
         names = [self._model.body(body).name for body in bodies]
-        self._roots.append(self._glb.add("nodes", mesh=mesh, extras={"bodies": names}))
+        self._roots.append(self._glb.add_element("nodes", mesh=mesh, extras={"bodies": names}))
 
     def _pose(self, body: int) -> dict[str, list[float]]:
         w, x, y, z = self._data.xquat[body].tolist()
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
-    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[Finish, list[ColouredMesh]]:
+    def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[SurfaceMaterial, list[ColouredMesh]]:
         """Returns the geoms of one node, by finish, in the frame of the node's body."""
-        pieces: dict[Finish, list[ColouredMesh]] = {}
+        pieces: dict[SurfaceMaterial, list[ColouredMesh]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
             body, colour = self._model.geom_bodyid[geom], self._colours[geom]
             mesh = geom_mesh(self._model, geom)
             mesh.apply_transform(from_world @ pose_matrix(self._data.xpos[body], self._data.xquat[body]))
-            finish = Finish.of(self._model, int(self._model.geom_matid[geom]), colour[3])
+            finish = SurfaceMaterial.from_material(self._model, int(self._model.geom_matid[geom]), colour[3])
             pieces.setdefault(finish, []).append((mesh, colour))
         return pieces
 
     def _add_mesh(
-        self, pieces: list[ColouredMesh], finish: Finish, *, quantised: bool = True
+        self, pieces: list[ColouredMesh], finish: SurfaceMaterial, *, quantised: bool = True
     ) -> tuple[int, float]:
         """Adds one mesh of all pieces. Returns its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
@@ -169,58 +171,60 @@ class _Export:
         }
 
     def _add_primitive(
-        self, attributes: dict[str, int], faces: NDArray[np.integer[Any]], finish: Finish
+        self, attributes: dict[str, int], faces: NDArray[np.integer[Any]], finish: SurfaceMaterial
     ) -> int:
         indices = self._glb.add_indices(faces)
         primitive = {"attributes": attributes, "indices": indices, "material": self._material(finish)}
-        return self._glb.add("meshes", primitives=[primitive])
+        return self._glb.add_element("meshes", primitives=[primitive])
 
     # Skins
 
-    def _skins_by_finish(self) -> dict[tuple[bool, Finish], list[Skin]]:
+    def _skins_by_finish(self) -> dict[tuple[bool, SurfaceMaterial], list[Skin]]:
         """Returns groups of skins that become one mesh. The head is separate: the first-person view hides it.
 
         The other skins have a cap at the neck.
         """
-        groups: dict[tuple[bool, Finish], list[Skin]] = {}
+        groups: dict[tuple[bool, SurfaceMaterial], list[Skin]] = {}
         skins = list(read_skins(self._model))
         head = [skin for skin in skins if skin.main_body == HEAD_BODY]
         for skin in skins:
             of_head = skin.main_body == HEAD_BODY
             if not of_head:
                 skin = reduce(add_cap, head, skin)
-            texture = texture_index(self._model, skin.material)
-            finish = Finish.of(self._model, skin.material, float(skin.rgba[0, 3]), texture)
+            texture = texture_index(self._model, skin.material_id)
+            finish = SurfaceMaterial.from_material(
+                self._model, skin.material_id, float(skin.rgba[0, 3]), texture
+            )
             groups.setdefault((of_head, finish), []).append(skin)
         return groups
 
-    def _add_skin(self, skin: Skin, finish: Finish) -> None:
+    def _add_skin(self, skin: Skin, finish: SurfaceMaterial) -> None:
         scale = float(np.abs(skin.vertices).max())
         attributes = self._surface(skin.vertices, skin.normals, skin.rgba, scale) | {
             "TEXCOORD_0": self._glb.add_vertices(_full_range(skin.uv, np.uint16), normalized=True),
-            "JOINTS_0": self._glb.add_vertices(skin.bone_of.astype(np.uint8)),
-            "WEIGHTS_0": self._glb.add_vertices(_weights(skin.weight_of), normalized=True),
+            "JOINTS_0": self._glb.add_vertices(skin.bone_indices.astype(np.uint8)),
+            "WEIGHTS_0": self._glb.add_vertices(_weights(skin.bone_weights), normalized=True),
         }
         mesh = self._add_primitive(attributes, skin.faces, finish)
         joints = [self._joint(bone) for bone in skin.bones]
         grown = np.diag([scale, scale, scale, 1.0])
         inverse = self._glb.add_matrices(np.stack([bone.inverse_bind @ grown for bone in skin.bones]))
-        rig = self._glb.add("skins", joints=joints, inverseBindMatrices=inverse)
+        rig = self._glb.add_element("skins", joints=joints, inverseBindMatrices=inverse)
         extras = {"skin_of": skin.main_body}
-        self._roots.append(self._glb.add("nodes", name=skin.name, mesh=mesh, skin=rig, extras=extras))
+        self._roots.append(self._glb.add_element("nodes", name=skin.name, mesh=mesh, skin=rig, extras=extras))
 
     def _joint(self, bone: Bone) -> int:
-        key = bone.body, bone.swing
+        key = bone.body_name, bone.is_swing
         if key not in self._joints:
-            body = self._model.body(bone.body).id
-            self._joints[key] = self._add_swing(body) if bone.swing else self._add_root(body)
+            body = self._model.body(bone.body_name).id
+            self._joints[key] = self._add_swing(body) if bone.is_swing else self._add_root(body)
         return self._joints[key]
 
     def _add_swing(self, body: int) -> int:
         name = self._model.body(body).name
         parent = self._model.body(self._model.body_parentid[body]).name
         extras = {"swing": name, "parent": parent}
-        node = self._glb.add("nodes", name=f"{name}/swing", **self._pose(body), extras=extras)
+        node = self._glb.add_element("nodes", name=f"{name}/swing", **self._pose(body), extras=extras)
         self._roots.append(node)
         return node
 
@@ -236,19 +240,19 @@ class _Export:
         mesh = trimesh.Trimesh(self._data.xpos[bodies], faces, process=False)
         rgba = np.tile(model.mat_rgba[material], (count, 1))
         surface = self._surface(mesh.vertices, mesh.vertex_normals, rgba, 1.0, quantised=False)
-        finish = replace(Finish.of(model, material, float(rgba[0, 3])), two_sided=True)
+        finish = replace(SurfaceMaterial.from_material(model, material, float(rgba[0, 3])), two_sided=True)
         primitive = self._add_primitive(surface, faces, finish)
         extras = {"vertices": [model.body(body).name for body in bodies]}
-        self._roots.append(self._glb.add("nodes", mesh=primitive, extras=extras))
+        self._roots.append(self._glb.add_element("nodes", mesh=primitive, extras=extras))
 
     # Materials
 
-    def _material(self, finish: Finish) -> int:
+    def _material(self, finish: SurfaceMaterial) -> int:
         if finish not in self._finishes:
             surface = {
                 "metallicFactor": finish.metallic,
                 "roughnessFactor": finish.roughness,
-                **self._texture(finish.texture),
+                **self._texture(finish.texture_id),
             }
             blend: dict[str, object] = {}
             if finish.alpha < 1.0:
@@ -256,7 +260,7 @@ class _Export:
                 blend["alphaMode"] = "BLEND"
             if finish.two_sided:
                 blend["doubleSided"] = True
-            self._finishes[finish] = self._glb.add("materials", pbrMetallicRoughness=surface, **blend)
+            self._finishes[finish] = self._glb.add_element("materials", pbrMetallicRoughness=surface, **blend)
         return self._finishes[finish]
 
     def _texture(self, texture: int) -> dict[str, object]:

@@ -18,7 +18,7 @@ from avrgym.models.colours import skin_colours
 from avrgym.vr.scene.geom_meshes import pose_matrix
 
 BONES_PER_VERTEX = 4
-TWISTING_BODIES = ("upper_arm", "forearm")
+SWING_BONE_BODIES = ("upper_arm", "forearm")
 """Endings of the names of bodies that have a swing bone."""
 WELD_DISTANCE_M = 1e-5
 """Vertices of two skins coincide if they are closer than this."""
@@ -31,8 +31,8 @@ class Bone:
     ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone.
     """
 
-    body: str
-    swing: bool
+    body_name: str
+    is_swing: bool
     inverse_bind: FloatArray
 
 
@@ -40,26 +40,26 @@ class Bone:
 class Skin:
     """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3).
 
-    ``bone_of`` and ``weight_of`` (V, 4): for each vertex, the indices of four ``bones`` and their weights. ``material``
-    is the id of a material in the model, or −1.
+    ``bone_indices`` and ``bone_weights`` (V, 4): for each vertex, the indices of four ``bones`` and their weights.
+    ``material`` is the id of a material in the model, or −1.
     """
 
     name: str
-    material: int
+    material_id: int
     rgba: FloatArray
     vertices: FloatArray
     normals: FloatArray
     uv: FloatArray
     faces: NDArray[np.int32]
     bones: tuple[Bone, ...]
-    bone_of: NDArray[np.int64]
-    weight_of: FloatArray
+    bone_indices: NDArray[np.int64]
+    bone_weights: FloatArray
 
     @property
     def main_body(self) -> str:
         """Name of the body with the largest total weight."""
-        shares = [self.weight_of[self.bone_of == number].sum() for number in range(len(self.bones))]
-        return self.bones[int(np.argmax(shares))].body
+        shares = [self.bone_weights[self.bone_indices == number].sum() for number in range(len(self.bones))]
+        return self.bones[int(np.argmax(shares))].body_name
 
 
 def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
@@ -74,35 +74,37 @@ def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
         bone_of = np.where(weight_of > 0.0, bone_of, 0)
         yield Skin(
             name=model.skin(skin).name,
-            material=int(model.skin_matid[skin]),
+            material_id=int(model.skin_matid[skin]),
             rgba=np.tile(colours[skin], (count, 1)),
             vertices=_rows(model.skin_vert, model.skin_vertadr, model.skin_vertnum, skin),
             normals=normals[skin],
             uv=_uv(model, skin),
             faces=_rows(model.skin_face, model.skin_faceadr, model.skin_facenum, skin),
             bones=bones,
-            bone_of=bone_of,
-            weight_of=weight_of / weight_of.sum(axis=1, keepdims=True),
+            bone_indices=bone_of,
+            bone_weights=weight_of / weight_of.sum(axis=1, keepdims=True),
         )
 
 
 def merge_skins(skins: Sequence[Skin]) -> Skin:
     """Merges skins. Returns one skin with the name and material of the first."""
-    bones = list({(bone.body, bone.swing): bone for skin in skins for bone in skin.bones}.values())
-    numbers = {(bone.body, bone.swing): number for number, bone in enumerate(bones)}
-    bone_of = [np.array([numbers[b.body, b.swing] for b in skin.bones])[skin.bone_of] for skin in skins]
+    bones = list({(bone.body_name, bone.is_swing): bone for skin in skins for bone in skin.bones}.values())
+    numbers = {(bone.body_name, bone.is_swing): number for number, bone in enumerate(bones)}
+    bone_of = [
+        np.array([numbers[b.body_name, b.is_swing] for b in skin.bones])[skin.bone_indices] for skin in skins
+    ]
     starts = np.cumsum([0, *(len(skin.vertices) for skin in skins)])
     return Skin(
         name=skins[0].name,
-        material=skins[0].material,
+        material_id=skins[0].material_id,
         rgba=np.concatenate([skin.rgba for skin in skins]),
         vertices=np.concatenate([skin.vertices for skin in skins]),
         normals=np.concatenate([skin.normals for skin in skins]),
         uv=np.concatenate([skin.uv for skin in skins]),
         faces=np.concatenate([skin.faces + start for skin, start in zip(skins, starts, strict=False)]),
         bones=tuple(bones),
-        bone_of=np.concatenate(bone_of),
-        weight_of=np.concatenate([skin.weight_of for skin in skins]),
+        bone_indices=np.concatenate(bone_of),
+        bone_weights=np.concatenate([skin.bone_weights for skin in skins]),
     )
 
 
@@ -126,8 +128,8 @@ def add_cap(skin: Skin, other: Skin) -> Skin:
         normals=np.concatenate([skin.normals, np.tile(normal / np.linalg.norm(normal), (len(grown), 1))]),
         uv=np.concatenate([skin.uv, skin.uv[grown]]),
         faces=np.concatenate([skin.faces, lid]),
-        bone_of=np.concatenate([skin.bone_of, skin.bone_of[grown]]),
-        weight_of=np.concatenate([skin.weight_of, skin.weight_of[grown]]),
+        bone_of=np.concatenate([skin.bone_indices, skin.bone_indices[grown]]),
+        weight_of=np.concatenate([skin.bone_weights, skin.bone_weights[grown]]),
     )
 
 
@@ -194,7 +196,7 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
         weight = np.zeros(len(vertices))
         held = _rows(model.skin_bonevertid, model.skin_bonevertadr, model.skin_bonevertnum, bone)
         weight[held] = _rows(model.skin_bonevertweight, model.skin_bonevertadr, model.skin_bonevertnum, bone)
-        if body.name.endswith(TWISTING_BODIES):
+        if body.name.endswith(SWING_BONE_BODIES):
             down = vertices @ inverse_bind[2, :3] + inverse_bind[2, 3]
             share = np.clip(down / _end_z(model, body.id), 0.0, 1.0)
             bones.append(Bone(body.name, True, inverse_bind))

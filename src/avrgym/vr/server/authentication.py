@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from avrgym.system.files import PRIVATE_FILE, make_private_folder, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
 from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
@@ -19,31 +19,37 @@ OTHER_ORIGIN_TEXT = "this page comes from another server; open the address that 
 
 
 @dataclass(frozen=True)
-class Caller:
+class AuthenticatedClient:
     """An authenticated client: the role of its token, and the experimenter's name.
 
     ``name`` is empty if the token is not personal.
     """
 
     role: Role
-    name: str = ""
+    experimenter_name: str = ""
 
 
 @dataclass(frozen=True)
-class Refusal:
+class TokenRejection:
     """The reason for rejecting a token: closing code of the WebSocket, message, and the participant's language."""
 
-    code: int
+    close_code: int
     message: str
     language: Language | None = None
 
 
-NO_TOKEN = Refusal(4401, "this address contains no token; open the complete address that the server printed")
-OLD_TOKEN = Refusal(
+MISSING_TOKEN = TokenRejection(
+    4401, "this address contains no token; open the complete address that the server printed"
+)
+OUTDATED_TOKEN = TokenRejection(
     4403, "this address is from an earlier start of the server; open the address that it printed last"
 )
-LINK_ENDED = Refusal(4410, "this link has expired with its session; open the link of the current session")
-ENTER_CODE = Refusal(4411, "this page needs the link of a session, or the code that the dashboard shows")
+EXPIRED_LINK = TokenRejection(
+    4410, "this link has expired with its session; open the link of the current session"
+)
+CODE_REQUIRED = TokenRejection(
+    4411, "this page needs the link of a session, or the code that the dashboard shows"
+)
 """``client/src/session/display-state.ts`` maps these codes to texts in the participant's language."""
 
 
@@ -70,32 +76,32 @@ class Tokens:
         if not path.exists():
             tokens = cls.new()
             make_private_folder(path.parent)
-            write_atomically(path, msgspec.json.encode(tokens), PRIVATE_FILE)
+            write_atomically(path, msgspec.json.encode(tokens), PRIVATE_FILE_MODE)
             return tokens
         try:
             return msgspec.json.decode(path.read_bytes(), type=cls)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} contains no tokens: {error}; delete it to create new ones") from None
 
-    def caller(self, token: str) -> Caller | None:
+    def client_of_token(self, token: str) -> AuthenticatedClient | None:
         """Returns the caller with this token; ``None`` for an unknown token."""
-        found: Caller | None = None
+        found: AuthenticatedClient | None = None
         for role in ("participant", "experimenter", "spectator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
-                found = Caller(role)
+                found = AuthenticatedClient(role)
         return found
 
-    def refusal(self, token: str) -> Refusal:
+    def rejection_of(self, token: str) -> TokenRejection:
         """Returns the reason for rejecting an unknown token, or a token of another role."""
-        return OLD_TOKEN if token else NO_TOKEN
+        return OUTDATED_TOKEN if token else MISSING_TOKEN
 
-    def bearer(self, headers: Headers) -> Caller | None:
+    def client_of_request(self, headers: Headers) -> AuthenticatedClient | None:
         """Returns the caller with the bearer token of a request; ``None`` without a known token."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
-        return self.caller(token) if scheme == "Bearer" else None
+        return self.client_of_token(token) if scheme == "Bearer" else None
 
 
-class SameOriginOnly:
+class SameOriginMiddleware:
     """Middleware that rejects requests and WebSockets from pages of other origins.
 
     Requests without an origin header come from programs and are accepted.

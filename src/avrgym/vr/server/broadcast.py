@@ -20,13 +20,13 @@ from avrgym.vr.protocol.messages import (
     Timing,
     Welcome,
 )
-from avrgym.vr.server.authentication import LINK_ENDED, Refusal
+from avrgym.vr.server.authentication import EXPIRED_LINK, TokenRejection
 
 T = TypeVar("T")
 
 MAX_OUTBOX_MESSAGES = 1000
 """Maximum number of waiting messages of a connection. Above it the oldest messages are dropped."""
-WATCHER_MESSAGES = (Status, Timing)
+WATCHER_ONLY_MESSAGES = (Status, Timing)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
@@ -37,10 +37,10 @@ def is_for_role(message: Message, role: Role) -> bool:
         return role == "experimenter"
     if isinstance(message, Pressed):
         return role == "participant"
-    return role != "participant" or not isinstance(message, WATCHER_MESSAGES)
+    return role != "participant" or not isinstance(message, WATCHER_ONLY_MESSAGES)
 
 
-CLOSE_TIMEOUT_S = 1.0
+CLOSE_ALL_TIMEOUT_S = 1.0
 """Maximum time for closing all connections when the server stops."""
 
 
@@ -49,7 +49,7 @@ class ConnectionEnd(Exception):
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)
-        self.code = code
+        self.close_code = code
 
 
 class Outbox:
@@ -83,7 +83,7 @@ class Outbox:
             self._state = None if isinstance(message, Scene) else self._state
         self._filled.set()
 
-    def receipt(self, states: int) -> None:
+    def acknowledge_states(self, states: int) -> None:
         """Store the number of states that the client has received."""
         self._received_states = states
         self._filled.set()
@@ -93,7 +93,7 @@ class Outbox:
         self._farewell = ConnectionEnd(reason, code)
         self._filled.set()
 
-    async def next(self) -> Message:
+    async def next_message(self) -> Message:
         """Wait for the next message to send. Raises ``ConnectionEnd`` when the connection closes."""
         while True:
             if self._messages:
@@ -134,7 +134,7 @@ class Broadcast:
         return lambda message: self._call(outbox.push, message)
 
     @contextlib.contextmanager
-    def connection(self, role: Role) -> Generator[Outbox]:
+    def register_connection(self, role: Role) -> Generator[Outbox]:
         """Register a connection for the duration of the context; yields its outbox."""
         self._events, outbox = asyncio.get_running_loop(), Outbox()
         self._join(outbox, role)
@@ -145,7 +145,7 @@ class Broadcast:
 
     def close_all(self, reason: str) -> None:
         """Close all connections with this reason. Call it from a thread other than the event loop's."""
-        ends_s = time.monotonic() + CLOSE_TIMEOUT_S
+        ends_s = time.monotonic() + CLOSE_ALL_TIMEOUT_S
         while self._participant is not None or self._watchers:
             watching = [outbox for _, outbox in self._watchers]
             for outbox in [self._participant, *watching] if self._participant is not None else watching:
@@ -156,11 +156,11 @@ class Broadcast:
 
     def close_participant(self) -> None:
         """Close the participant's connection after its waiting messages, because the link has expired."""
-        self._call(self._dismiss, LINK_ENDED)
+        self._call(self._dismiss, EXPIRED_LINK)
 
-    def _dismiss(self, why: Refusal) -> None:
+    def _dismiss(self, why: TokenRejection) -> None:
         if self._participant is not None:
-            self._participant.close(why.message, why.code)
+            self._participant.close(why.message, why.close_code)
 
     def _join(self, outbox: Outbox, role: Role) -> None:
         if role == "participant":

@@ -19,7 +19,7 @@ from avrgym.system.files import write_atomically
 
 VALID_DAYS = 90
 RENEWAL_DAYS = 14
-DOCUMENTATION_ADDRESS = "192.0.2.1"
+TEST_NET_ADDRESS = "192.0.2.1"
 """An address that no host has (RFC 5737). The route to it starts at this computer's address. No packet is sent."""
 
 
@@ -29,7 +29,7 @@ class Certificate:
 
     certificate_file: Path
     key_file: Path
-    names: tuple[str, ...]
+    host_names: tuple[str, ...]
 
 
 def lan_names() -> tuple[str, ...]:
@@ -41,7 +41,7 @@ def lan_names() -> tuple[str, ...]:
 def _lan_addresses() -> tuple[str, ...]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
-            probe.connect((DOCUMENTATION_ADDRESS, 9))
+            probe.connect((TEST_NET_ADDRESS, 9))
         except OSError:
             return ()
         address = probe.getsockname()[0]
@@ -51,18 +51,18 @@ def _lan_addresses() -> tuple[str, ...]:
 def load_or_create_certificate(names: Sequence[str], folder: Path) -> Certificate:
     """Returns the certificate in a folder. Creates a new one if it is missing, expires soon or lacks a name."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    found = certificate_in(folder, names)
-    if reason_to_renew(found) is not None:
+    found = certificate_paths(folder, names)
+    if renewal_reason(found) is not None:
         _make(found)
     return found
 
 
-def certificate_in(folder: Path, names: Sequence[str]) -> Certificate:
+def certificate_paths(folder: Path, names: Sequence[str]) -> Certificate:
     """Returns a certificate with these names and with paths in this folder. The files need not exist."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 
 
-def reason_to_renew(wanted: Certificate) -> str | None:
+def renewal_reason(wanted: Certificate) -> str | None:
     """Returns why a new certificate is needed; ``None`` if the current one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
@@ -75,7 +75,7 @@ def reason_to_renew(wanted: Certificate) -> str | None:
     if ends <= datetime.timedelta(days=RENEWAL_DAYS) + datetime.datetime.now(datetime.UTC):
         return f"it expires on {ends:%Y-%m-%d}"
     known = set(certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value)
-    if not set(_alternative_names(wanted.names)) <= known:
+    if not set(_alternative_names(wanted.host_names)) <= known:
         return "it lacks a current name or address of this computer"
     return None
 
@@ -91,7 +91,7 @@ def _make(wanted: Certificate) -> None:
         ),
         mode=0o600,
     )
-    certificate = _signed(key, wanted.names)
+    certificate = _signed(key, wanted.host_names)
     write_atomically(
         wanted.certificate_file, certificate.public_bytes(serialization.Encoding.PEM), mode=0o600
     )

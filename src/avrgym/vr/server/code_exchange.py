@@ -6,7 +6,7 @@ import msgspec
 from fastapi import HTTPException, Request, Response
 
 from avrgym.vr.server.request_body import json_response, read_json_body
-from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyCodesError
+from avrgym.vr.server.session_links import CodeError, SessionLinks, TooManyWrongCodesError
 
 MAX_BODY_BYTES = 1000
 
@@ -17,14 +17,14 @@ class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     code: str
 
 
-def code_exchange(links: SessionLinks) -> Callable[[Request], Awaitable[Response]]:
+def make_code_endpoint(links: SessionLinks) -> Callable[[Request], Awaitable[Response]]:
     """Returns the endpoint, which responds to a valid code with the token of the link."""
 
     async def exchange(request: Request) -> Response:
         entered = await _read(request)
         try:
-            token = links.exchange("".join(entered.code.split()))
-        except TooManyCodesError as error:
+            token = links.exchange_code("".join(entered.code.split()))
+        except TooManyWrongCodesError as error:
             raise HTTPException(429, str(error)) from None
         except CodeError as error:
             raise HTTPException(403, str(error)) from None

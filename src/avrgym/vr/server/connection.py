@@ -14,9 +14,9 @@ from fastapi import WebSocket, WebSocketDisconnect
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
-    Disconnected,
     Hello,
     Message,
+    ParticipantDisconnected,
     Passed,
     Problem,
     Receipt,
@@ -28,7 +28,7 @@ from avrgym.vr.protocol.messages import (
     WatcherRobotCommand,
 )
 from avrgym.vr.protocol.state_encoding import StateEncoder
-from avrgym.vr.server.authentication import LINK_ENDED, Caller, Tokens
+from avrgym.vr.server.authentication import EXPIRED_LINK, AuthenticatedClient, Tokens
 from avrgym.vr.server.broadcast import Broadcast, ConnectionEnd, Outbox
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.inbox import stops_robot
@@ -38,7 +38,7 @@ _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
 """Interval at which the token of a connection is checked again. If it was revoked, the connection is closed."""
-BURST, MESSAGES_PER_S = 1000, 250
+MAX_BURST_MESSAGES, MAX_MESSAGES_PER_S = 1000, 250
 """Maximum number of messages in a burst, and per second. A headset sends up to 144 frames per second. After a network
 interruption, it sends the frames of up to seven seconds in a burst."""
 
@@ -50,30 +50,32 @@ class Channel:
     ``decode`` decodes a message. ``union`` is the union of the messages' types.
     """
 
-    roles: tuple[Role, ...]
+    allowed_roles: tuple[Role, ...]
     decode: Callable[[bytes], Any]
-    union: Any
+    message_union: Any
 
     @property
-    def types(self) -> str:
+    def message_tags(self) -> str:
         """The tags of the accepted messages, separated by commas."""
-        return ", ".join(kind.__struct_config__.tag for kind in get_args(self.union))
+        return ", ".join(kind.__struct_config__.tag for kind in get_args(self.message_union))
 
 
 class RateLimit:
     """Token bucket that limits the messages of a client. It allows the burst after a network interruption."""
 
     def __init__(self) -> None:
-        self._left, self._asked_s = float(BURST), 0.0
+        self._left, self._asked_s = float(MAX_BURST_MESSAGES), 0.0
 
     def allows(self, now_s: float) -> bool:
         """Count one more message. Returns whether it is allowed."""
-        self._left = min(self._left + MESSAGES_PER_S * (now_s - self._asked_s), float(BURST)) - 1.0
+        self._left = (
+            min(self._left + MAX_MESSAGES_PER_S * (now_s - self._asked_s), float(MAX_BURST_MESSAGES)) - 1.0
+        )
         self._asked_s = now_s
         return self._left >= 0.0
 
     def __str__(self) -> str:
-        return f"the limits are {BURST} in a burst and {MESSAGES_PER_S} per second"
+        return f"the limits are {MAX_BURST_MESSAGES} in a burst and {MAX_MESSAGES_PER_S} per second"
 
 
 class FrameTimes:
@@ -82,7 +84,7 @@ class FrameTimes:
     def __init__(self) -> None:
         self._received_s: dict[int, float] = {}
 
-    def note_received(self, sequence: int) -> None:
+    def record_arrival(self, sequence: int) -> None:
         """Store the arrival time of a frame."""
         self._received_s[sequence] = time.monotonic()
         if len(self._received_s) > MAX_STORED_FRAMES:
@@ -101,7 +103,7 @@ class FrameTimes:
 MAX_STORED_FRAMES = 1000
 
 
-RecordCommand = Callable[[Caller, Any], None]
+CommandRecorder = Callable[[AuthenticatedClient, Any], None]
 """Function that is called with the hello of each watcher, and with each command before its execution. Must not
 block."""
 
@@ -118,20 +120,20 @@ async def serve_connection(
     limiter: ConnectionLimiter,
     broadcast: Broadcast,
     loop: RealTimeLoop[S],
-    record: RecordCommand,
+    record: CommandRecorder,
 ) -> None:
     """Serve one connection until it closes."""
     await socket.accept()
     hello = await _authenticate(socket, channel, tokens, broadcast)
-    caller = None if hello is None else tokens.caller(hello.token)
+    caller = None if hello is None else tokens.client_of_token(hello.token)
     if hello is None or caller is None:
         return
     role = caller.role
-    limiter.authenticate(socket.scope, role)
+    limiter.mark_authenticated(socket.scope, role)
     if role != "participant":
         record(caller, hello)
-    with broadcast.connection(role) as outbox:
-        loop.welcome(broadcast.sender(outbox), role)
+    with broadcast.register_connection(role) as outbox:
+        loop.send_initial_state(broadcast.sender(outbox), role)
         frame_times = FrameTimes()
         await _until_either(
             _receive(
@@ -141,18 +143,18 @@ async def serve_connection(
             _until_revoked(socket, tokens, hello, role),
         )
     if role == "participant":
-        loop.post(Disconnected())
+        loop.post(ParticipantDisconnected())
 
 
 def _opens(tokens: Tokens, hello: Hello) -> bool:
-    return tokens.caller(hello.token) is not None
+    return tokens.client_of_token(hello.token) is not None
 
 
 async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
     """Close the connection when its token is revoked."""
     while _opens(tokens, hello):
         await asyncio.sleep(TOKEN_CHECK_INTERVAL_S)
-    ended = (LINK_ENDED.code, LINK_ENDED.message) if role == "participant" else (4403, _REVOKED)
+    ended = (EXPIRED_LINK.close_code, EXPIRED_LINK.message) if role == "participant" else (4403, _REVOKED)
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(*ended)
 
@@ -161,7 +163,7 @@ async def _authenticate(
     socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
 ) -> Hello | None:
     """Receive the hello and check its token. Returns the hello. Otherwise sends the reason and returns ``None``."""
-    refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL}"
+    refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL_VERSION}"
     hello = language = None
     try:
         hello = channel.decode(await asyncio.wait_for(socket.receive_bytes(), HELLO_TIMEOUT_S))
@@ -169,13 +171,13 @@ async def _authenticate(
         refusal = 4408, f"no hello was received within {HELLO_TIMEOUT_S:g} s; connect again"
     except (msgspec.DecodeError, KeyError, WebSocketDisconnect):
         pass
-    if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL:
+    if isinstance(hello, Hello) and hello.protocol != messages.PROTOCOL_VERSION:
         refusal = 4400, _OTHER_VERSION.format(hello.protocol)
     elif isinstance(hello, Hello):
-        caller = tokens.caller(hello.token)
-        if caller is None or caller.role not in channel.roles:
-            why = tokens.refusal(hello.token)
-            refusal, language = (why.code, why.message), why.language
+        caller = tokens.client_of_token(hello.token)
+        if caller is None or caller.role not in channel.allowed_roles:
+            why = tokens.rejection_of(hello.token)
+            refusal, language = (why.close_code, why.message), why.language
         elif caller.role == "participant" and broadcast.has_participant:
             refusal = (
                 4409,
@@ -193,7 +195,8 @@ async def _authenticate(
 
 _REVOKED = "the token of this page was revoked; ask the experimenter for a new one"
 _OTHER_VERSION = (
-    f"this page uses protocol {{}}, the server protocol {messages.PROTOCOL}: reload the page to update it"
+    f"this page uses protocol {{}}, the server protocol {messages.PROTOCOL_VERSION}: reload the "
+    f"page to update it"
 )
 
 
@@ -210,11 +213,11 @@ async def _until_either(*directions: Coroutine[Any, Any, None]) -> None:
 async def _receive(
     socket: WebSocket,
     channel: Channel,
-    caller: Caller,
+    caller: AuthenticatedClient,
     loop: RealTimeLoop[S],
     outbox: Outbox,
     frame_times: FrameTimes,
-    record: RecordCommand,
+    record: CommandRecorder,
     opens: Callable[[], bool],
 ) -> None:
     """Pass received messages to the loop. Discards a participant's messages after their link has expired."""
@@ -233,12 +236,12 @@ async def _receive(
             if isinstance(message, Hello):
                 outbox.push(Problem(message="only the first message may be a hello"))
             elif isinstance(message, Receipt):
-                outbox.receipt(message.states)
+                outbox.acknowledge_states(message.states)
             elif message is not None and (refusal := _refusal(caller.role, message)):
                 outbox.push(Problem(message=refusal, role=caller.role))
             elif message is not None:
                 if isinstance(message, Tracking):
-                    frame_times.note_received(message.sequence)
+                    frame_times.record_arrival(message.sequence)
                 if not stops_robot(message):
                     await _until(lambda: not loop.inbox_is_full)
                 if caller.role == "experimenter":
@@ -264,12 +267,12 @@ async def _until(condition: Callable[[], bool]) -> None:
 
 def _decode(data: bytes | None, channel: Channel, report: Callable[[Message], None]) -> Any:
     if data is None:
-        report(Problem(message=f"a text frame was received; send MessagePack of type {channel.types}"))
+        report(Problem(message=f"a text frame was received; send MessagePack of type {channel.message_tags}"))
         return None
     try:
         return channel.decode(data)
     except msgspec.DecodeError as error:
-        report(Problem(message=f"invalid message ({error}); the allowed types are {channel.types}"))
+        report(Problem(message=f"invalid message ({error}); the allowed types are {channel.message_tags}"))
         return None
 
 
@@ -278,9 +281,9 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> N
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         try:
             while True:
-                message = await outbox.next()
+                message = await outbox.next_message()
                 if isinstance(message, Scene):
-                    encoder.begin_scene()
+                    encoder.reset()
                 if isinstance(message, State):
                     passed = frame_times.newest_frame_times(message, outbox.created_s)
                     if passed is not None:
@@ -288,4 +291,4 @@ async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> N
                     message = encoder.encode(message)
                 await socket.send_bytes(messages.encode(message))
         except ConnectionEnd as end:
-            await socket.close(end.code, str(end))
+            await socket.close(end.close_code, str(end))

@@ -20,12 +20,12 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from avrgym.vr.protocol.messages import Role
 from avrgym.vr.server.authentication import Tokens
 
-MAX_UNAUTHENTICATED = 256
+MAX_UNAUTHENTICATED_CONNECTIONS = 256
 FILE_HANDLE_DIVISOR = 4
 """Unauthenticated connections use at most the process's file handles divided by this number."""
 ADDRESS_DIVISOR = 4
 """One address may have at most the limit divided by this number. Loopback is exempt, because USB headsets share it."""
-MAX_PER_ROLE = 64
+MAX_CONNECTIONS_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections are treated as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
 """Timeout of the TLS handshake."""
@@ -33,41 +33,41 @@ IDLE_TIMEOUT_S = 10.0
 """Timeout of a connection that sends no complete request, at its start and after a response."""
 RESPONSE_TIMEOUT_S = 60.0
 """Timeout for an unauthenticated request, and for the client to receive a response."""
-SWEEP_INTERVAL_S = 0.5
+TIMEOUT_CHECK_INTERVAL_S = 0.5
 OUT_OF_HANDLES_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 ACCEPT_RETRY_S = 0.05
 """Delay before the next attempt to accept a connection when no file handle is free."""
 
-MakeProtocol = Callable[[], asyncio.Protocol]
+ProtocolFactory = Callable[[], asyncio.Protocol]
 
 
 class Connection:
     """One connection.
 
     ``role``: the role of its token; ``None`` while unauthenticated. ``busy``: a request is in progress, or a WebSocket
-    is open. ``active_s``: the time of the latest complete request or response.
+    is open. ``last_activity_s``: the time of the latest complete request or response.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:
         self.host = host
         self.role: Role | None = None
-        self.busy = False
-        self.active_s = time.monotonic()
+        self.is_busy = False
+        self.last_activity_s = time.monotonic()
         self._socket = accepted
         self._transport: asyncio.Transport | None = None
         self._handshake: asyncio.Task[None] | None = None
 
     @property
-    def open(self) -> bool:
+    def is_open(self) -> bool:
         """Whether the connection's socket is open."""
         return self._socket.fileno() >= 0
 
     @property
-    def timed_out(self) -> bool:
+    def has_timed_out(self) -> bool:
         """Whether the connection has exceeded its timeout."""
-        silent_s = time.monotonic() - self.active_s
+        silent_s = time.monotonic() - self.last_activity_s
         closing = self._transport is not None and self._transport.is_closing()
-        if self.busy:
+        if self.is_busy:
             return closing or (self.role is None and silent_s > RESPONSE_TIMEOUT_S)
         return silent_s > (RESPONSE_TIMEOUT_S if closing or self._unsent else IDLE_TIMEOUT_S)
 
@@ -75,21 +75,21 @@ class Connection:
     def _unsent(self) -> int:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
-    def note_activity(self, *, busy: bool) -> None:
+    def record_activity(self, *, busy: bool) -> None:
         """Store that a request is complete (``busy``), or its response has ended."""
-        self.active_s, self.busy = time.monotonic(), busy
+        self.last_activity_s, self.is_busy = time.monotonic(), busy
 
-    def begin(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
+    def start(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
         """Start the TLS handshake, if any, and the protocol."""
         self._handshake = asyncio.create_task(self._handshake_tls(make_protocol, tls))
 
-    async def _handshake_tls(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
+    async def _handshake_tls(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
         with suppress(OSError):  # the other side has failed
             self._transport, _ = await asyncio.get_running_loop().connect_accepted_socket(
                 make_protocol, self._socket, ssl=tls, ssl_handshake_timeout=TLS_TIMEOUT_S if tls else None
             )
 
-    def end(self) -> None:
+    def close_immediately(self) -> None:
         """Close the connection immediately."""
         if self._transport is not None:
             self._transport.abort()
@@ -102,11 +102,13 @@ class ConnectionLimiter:
 
     def __init__(self, listener: socket.socket, tokens: Tokens, max_per_role: int | None = None) -> None:
         self.listener = listener
-        self._tokens, self._max_per_role = tokens, max_per_role or MAX_PER_ROLE
+        self._tokens, self._max_per_role = tokens, max_per_role or MAX_CONNECTIONS_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
-        self._max_unauthenticated = min(MAX_UNAUTHENTICATED, max_open_files() // FILE_HANDLE_DIVISOR)
+        self._max_unauthenticated = min(
+            MAX_UNAUTHENTICATED_CONNECTIONS, max_open_files() // FILE_HANDLE_DIVISOR
+        )
 
-    async def open(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
+    async def accept_connections(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
         """Accept connections until cancelled."""
         self.listener.setblocking(False)
         sweeping = asyncio.create_task(self._sweep())
@@ -124,18 +126,18 @@ class ConnectionLimiter:
             if connection is None:
                 await app(scope, receive, send)
                 return
-            caller = self._tokens.bearer(Headers(scope=scope))
+            caller = self._tokens.client_of_request(Headers(scope=scope))
             if caller is not None:
-                self.authenticate(scope, caller.role)
-            connection.note_activity(busy=True)
+                self.mark_authenticated(scope, caller.role)
+            connection.record_activity(busy=True)
             try:
                 await app(scope, receive, send)
             finally:
-                connection.note_activity(busy=False)
+                connection.record_activity(busy=False)
 
         return limited
 
-    def authenticate(self, scope: Scope, role: Role) -> None:
+    def mark_authenticated(self, scope: Scope, role: Role) -> None:
         """Store that the connection of this request or WebSocket has presented the token of a role."""
         connection = self._connection(scope)
         if connection is None:
@@ -147,14 +149,14 @@ class ConnectionLimiter:
         """Store that the connection of this WebSocket is in use until it closes, without passing the middleware."""
         connection = self._connection(scope)
         if connection is not None:
-            connection.note_activity(busy=True)
-            self.authenticate(scope, role)
+            connection.record_activity(busy=True)
+            self.mark_authenticated(scope, role)
 
     def _connection(self, scope: Scope) -> Connection | None:
         host, port = scope.get("client") or ("", 0)
         return self._connections.get((host, port))
 
-    async def _accept(self, make_protocol: MakeProtocol, tls: ssl.SSLContext | None) -> None:
+    async def _accept(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
         try:
             accepted, address = await asyncio.get_running_loop().sock_accept(self.listener)
         except OSError as error:
@@ -163,7 +165,7 @@ class ConnectionLimiter:
             await asyncio.sleep(ACCEPT_RETRY_S)
             return
         connection = self._connections[address] = Connection(accepted, address[0])
-        connection.begin(make_protocol, tls)
+        connection.start(make_protocol, tls)
         self._enforce_limits(connection.host)
         await asyncio.sleep(0)  # lets other tasks run between two connections
 
@@ -180,21 +182,21 @@ class ConnectionLimiter:
         return [each for each in self._connections.values() if each.role is None]
 
     def _forget_closed(self) -> None:
-        self._connections = {address: each for address, each in self._connections.items() if each.open}
+        self._connections = {address: each for address, each in self._connections.items() if each.is_open}
 
     async def _sweep(self) -> None:
         while True:
-            await asyncio.sleep(SWEEP_INTERVAL_S)
+            await asyncio.sleep(TIMEOUT_CHECK_INTERVAL_S)
             self._forget_closed()
             for each in self._connections.values():
-                if each.timed_out:
-                    each.end()
+                if each.has_timed_out:
+                    each.close_immediately()
 
 
 def _close_longest_idle(connections: list[Connection]) -> None:
     """Close the connection that has been idle longest. Busy connections are closed last."""
     if connections:
-        min(connections, key=lambda each: (each.busy, each.active_s)).end()
+        min(connections, key=lambda each: (each.is_busy, each.last_activity_s)).close_immediately()
 
 
 def _is_own(host: str) -> bool:
@@ -206,6 +208,6 @@ def max_open_files() -> int:
     try:
         import resource
     except ImportError:  # Windows has no such limit for sockets
-        return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED
+        return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED if soft == resource.RLIM_INFINITY else soft
+    return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS if soft == resource.RLIM_INFINITY else soft

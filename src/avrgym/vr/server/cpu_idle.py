@@ -24,7 +24,7 @@ class CpuIdlePrevention:
         self._file: BinaryIO | None = None
         self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_IDLE_DRIVER
 
-    def set(self, awake: bool) -> None:
+    def set_enabled(self, awake: bool) -> None:
         """Prevent idle states (``awake``) or permit them."""
         if awake and self._file is None and self._possible:
             self._file = _open_latency_file()

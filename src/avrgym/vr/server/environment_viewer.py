@@ -5,20 +5,20 @@ from typing import Literal
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.policies.registry import find_for_session
+from avrgym.policies.registry import resolve_session_policy
 from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.live_world.drivers import OperatorDriver, make_driver
 from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_message
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Received, Send
+from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS
 
-LOOK_AT_END_S = 2.0
+EPISODE_END_PAUSE_S = 2.0
 LOADING_TIMEOUT_S = 15.0
 """Maximum time that an episode waits for a client to load its scene."""
 
@@ -35,11 +35,11 @@ class EnvironmentViewer:
         policy: str,
         people: str,
         seed: int,
-        send: Send,
+        send: SendMessage,
         impairment: str = "none",
         *,
         force_guard: bool = False,
-        settings: Settings = DEFAULTS,
+        settings: Settings = DEFAULT_SETTINGS,
         allow_other_settings: bool = False,
         steps: int = EPISODE_STEPS,
     ) -> None:
@@ -47,7 +47,7 @@ class EnvironmentViewer:
 
         Args:
             environment_id: such as ``avrgym/FeedingJaco-v1``.
-            policy: any name that ``policies.registry.find_for_session`` accepts.
+            policy: any name that ``policies.registry.resolve_session_policy`` accepts.
             people: the population, a name in ``people.distributions.NAMED_DISTRIBUTIONS`` or a people file.
             seed: seed of the first episode; incremented for each later episode.
             send: receives all messages for clients.
@@ -74,7 +74,9 @@ class EnvironmentViewer:
         self._length = steps
         self._policy, self._seed, self._send = policy, seed, send
         self._driver = make_driver(
-            find_for_session(policy, environment_id, settings, allow_other_settings=allow_other_settings),
+            resolve_session_policy(
+                policy, environment_id, settings, allow_other_settings=allow_other_settings
+            ),
             background=True,
         )
         self._phase: Literal["loading", "running", "ended"] = "loading"
@@ -87,15 +89,15 @@ class EnvironmentViewer:
         """Whether the simulation is paused or waits for the next episode."""
         return self._paused or self._phase != "running"
 
-    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
         """Send the current state to a new connection."""
         name = self._episodes.environment_id
-        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=False, sounds=True))
+        send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=False, sounds=True))
         send(self._scene())
         send(self._phase_message())
         send(self._status())
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message of a page; ignores messages that only sessions use."""
         match message:
             case messages.SceneWatched() if message.url == self._scene().url and self._phase == "loading":
@@ -106,7 +108,7 @@ class EnvironmentViewer:
             case messages.Command(name="skip"):
                 self._begin()
             case messages.Drive() if isinstance(self._driver, OperatorDriver):
-                self._driver.take_command(message, now_s)
+                self._driver.apply_command(message, now_s)
             case _:
                 pass
 
@@ -133,11 +135,11 @@ class EnvironmentViewer:
         self._episodes.reset(np.array([0]), [generator])
         self._driver.reset(self._episodes, [generator])
         self._failure = ""
-        self._latest: ControlStep | None = None
+        self._latest: FirstWorldStep | None = None
         self._steps, self._reward = 0, 0.0
         self._success = False
         episodes = self._episodes
-        self.scenes.append((episodes.environment_id, episodes.person_in(0), episodes.settings))
+        self.scenes.append((episodes.environment_id, episodes.person_of_world(0), episodes.settings))
         self._phase, self._waits_until_s = "loading", self._now_s + LOADING_TIMEOUT_S
         self._send(self._scene())
         self._tell()
@@ -153,19 +155,19 @@ class EnvironmentViewer:
             self._run() if self._phase == "loading" else self._begin()
 
     def _advance(self) -> None:
-        step = self._episodes.loop.tick(self._driver)
+        step = self._episodes.control_loop.tick(self._driver)
         if step is not None:
             self._finish_step(step)
-        if self._driver.failure != self._failure:
-            self._failure = self._driver.failure
+        if self._driver.failure_message != self._failure:
+            self._failure = self._driver.failure_message
             self._tell()
 
-    def _finish_step(self, step: ControlStep) -> None:
+    def _finish_step(self, step: FirstWorldStep) -> None:
         self._latest, success = step, bool(step.outcome.success[0])
         self._steps += 1
         self._reward += float(step.outcome.reward[0])
         if self._steps == self._length:
-            self._phase, self._waits_until_s = "ended", self._now_s + LOOK_AT_END_S
+            self._phase, self._waits_until_s = "ended", self._now_s + EPISODE_END_PAUSE_S
         if success != self._success or self._steps == self._length:
             self._success = success
             self._tell()
@@ -193,7 +195,7 @@ class EnvironmentViewer:
             environment=self._episodes.environment_id,
             paused=self._paused,
             pause_reason="",
-            torso_height_m=self._episodes.person_in(0).torso_height_m,
+            torso_height_m=self._episodes.person_of_world(0).torso_height_m,
             step=self._steps,
             steps=self._length,
             reward=self._reward,

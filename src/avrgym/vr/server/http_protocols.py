@@ -8,12 +8,12 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from websockets.frames import CloseCode, Frame
 from websockets.http11 import Response
 
-from avrgym.vr.server.response_headers import headers
+from avrgym.vr.server.response_headers import security_headers
 
-MAX_FRAGMENTS = 64
+MAX_MESSAGE_FRAGMENTS = 64
 """Maximum number of frames of a message. Browsers send one."""
 
-LINGER_S = 1.0
+CLOSE_DELAY_S = 1.0
 """Delay between the rejection of a client and the closing of its connection."""
 
 
@@ -27,7 +27,7 @@ class HttpProtocol(H11Protocol):
         self.transport.close()
 
     def _refusal(self, msg: str) -> bytes:
-        fields = headers("") | {"content-type": "text/plain; charset=utf-8", "connection": "close"}
+        fields = security_headers("") | {"content-type": "text/plain; charset=utf-8", "connection": "close"}
         events = (
             h11.Response(status_code=400, headers=list(fields.items()), reason="Bad Request"),
             h11.Data(data=msg.encode()),
@@ -52,14 +52,18 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
             self.transport.close()
 
     def handle_cont(self, event: Frame) -> None:
-        """Process a continuation frame. Closes the connection if a message has more than ``MAX_FRAGMENTS`` frames."""
+        """Process a continuation frame. Closes the connection if a message has more than ``MAX_MESSAGE_FRAGMENTS``
+        frames.
+        """
         super().handle_cont(event)
-        if len(self.frames) > MAX_FRAGMENTS:
-            self.conn.fail(CloseCode.MESSAGE_TOO_BIG, f"a message may have at most {MAX_FRAGMENTS} frames")
+        if len(self.frames) > MAX_MESSAGE_FRAGMENTS:
+            self.conn.fail(
+                CloseCode.MESSAGE_TOO_BIG, f"a message may have at most {MAX_MESSAGE_FRAGMENTS} frames"
+            )
             self.handle_parser_exception()
 
     def handle_parser_exception(self) -> None:
-        """Send the reason for closing, and discard further data for ``LINGER_S``.
+        """Send the reason for closing, and discard further data for ``CLOSE_DELAY_S``.
 
         If the connection closed immediately, the system would discard the reason before the client reads it.
         """
@@ -70,9 +74,9 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.transport.write(b"".join(self.conn.data_to_send()))
         self.transport.resume_reading()
         self.close_sent = True
-        self.close_timer = self.loop.call_later(LINGER_S, self.transport.close)
+        self.close_timer = self.loop.call_later(CLOSE_DELAY_S, self.transport.close)
 
     def _refusal(self, status: int, text: str) -> Response:
         response = self._reject(status, text)
-        response.headers.update(headers(""))
+        response.headers.update(security_headers(""))
         return response

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import get_args
 
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Disconnected, Received
+from avrgym.vr.protocol.messages import ParticipantDisconnected, ReceivedMessage
 
-MESSAGES_PER_TICK = 64
-MESSAGE_TIME_S = 0.002
+MAX_MESSAGES_PER_TICK = 64
+MAX_HANDLING_TIME_S = 0.002
 """Maximum time in a tick for the handling of messages. Further messages wait for the next tick."""
-MAX_TRACKING_FRAMES = 100
+MAX_WAITING_FRAMES = 100
 """Maximum number of waiting tracking frames. Above it the oldest frames are dropped."""
 MAX_WAITING_MESSAGES = 2000
 """Maximum number of waiting messages. Above it their senders wait."""
@@ -21,7 +21,7 @@ MAX_WAITING_MESSAGES = 2000
 class NewConnection:
     """A client that has connected in a role. ``send`` sends it the current state of the session."""
 
-    send: messages.Send
+    send: messages.SendMessage
     role: messages.Role
 
 
@@ -30,8 +30,8 @@ class Inbox:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._urgent: deque[Received | NewConnection] = deque()
-        self._waiting: deque[Received | NewConnection] = deque()
+        self._urgent: deque[ReceivedMessage | NewConnection] = deque()
+        self._waiting: deque[ReceivedMessage | NewConnection] = deque()
         self._frames = 0
 
     @property
@@ -39,7 +39,7 @@ class Inbox:
         """Whether the queue is full. Senders must then wait."""
         return len(self._waiting) >= MAX_WAITING_MESSAGES
 
-    def put(self, message: Received | NewConnection) -> None:
+    def put(self, message: ReceivedMessage | NewConnection) -> None:
         """Add a message at the end, or at the front if it stops the robot.
 
         A loss of visibility is handled twice: immediately, and again in order, because an earlier message may report
@@ -49,9 +49,9 @@ class Inbox:
         with self._lock:
             if stops_robot(message):
                 self._urgent.append(message)
-            if is_stop(message):
+            if is_emergency_stop(message):
                 return
-            if isinstance(message, Disconnected) and len(self._waiting) >= MESSAGES_PER_TICK:
+            if isinstance(message, ParticipantDisconnected) and len(self._waiting) >= MAX_MESSAGES_PER_TICK:
                 self._waiting = deque(each for each in self._waiting if not isinstance(each, _PARTICIPANTS))
                 self._frames = 0
                 self._urgent.append(message)
@@ -59,7 +59,7 @@ class Inbox:
                 self._waiting.append(message)
                 self._frames += isinstance(message, messages.Tracking)
 
-    def take(self) -> Received | NewConnection | None:
+    def get(self) -> ReceivedMessage | NewConnection | None:
         """Remove and return the next message; ``None`` if no message waits. Drops tracking frames above the maximum."""
         with self._lock:
             if self._urgent:
@@ -69,19 +69,19 @@ class Inbox:
                 if not isinstance(message, messages.Tracking):
                     return message
                 self._frames -= 1
-                if self._frames < MAX_TRACKING_FRAMES:
+                if self._frames < MAX_WAITING_FRAMES:
                     return message
             return None
 
 
 def stops_robot(message: object) -> bool:
     """Returns whether a message stops the robot immediately: an emergency stop, or a loss of visibility."""
-    return is_stop(message) or (
+    return is_emergency_stop(message) or (
         isinstance(message, messages.VisibilityChanged) and message.visibility != "visible"
     )
 
 
-def is_stop(message: object) -> bool:
+def is_emergency_stop(message: object) -> bool:
     """Returns whether a message is an emergency stop."""
     if isinstance(message, messages.RobotCommand | messages.WatcherRobotCommand):
         return message.name == "stop"

@@ -18,19 +18,30 @@ from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.vr.protocol.messages import Message
 from avrgym.vr.scene.export_process import SceneExporter
-from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK
-from avrgym.vr.server.authentication import Caller, SameOriginOnly, Tokens
+from avrgym.vr.server.addresses import ALL_INTERFACES, LOOPBACK_HOSTS
+from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware, Tokens
 from avrgym.vr.server.broadcast import Broadcast
 from avrgym.vr.server.certificate import Certificate
-from avrgym.vr.server.code_exchange import code_exchange
-from avrgym.vr.server.connection import PARTICIPANT_CHANNEL, WATCHER_CHANNEL, RecordCommand, serve_connection
+from avrgym.vr.server.code_exchange import make_code_endpoint
+from avrgym.vr.server.connection import (
+    PARTICIPANT_CHANNEL,
+    WATCHER_CHANNEL,
+    CommandRecorder,
+    serve_connection,
+)
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 from avrgym.vr.server.session_links import SessionLinks
-from avrgym.vr.server.sound_files import add_sounds
-from avrgym.vr.server.web_server import STATIC_FOLDER, ServerError, WebServer, check_page, listen
+from avrgym.vr.server.sound_files import add_sound_route
+from avrgym.vr.server.web_server import (
+    STATIC_FOLDER,
+    ServerError,
+    WebServer,
+    check_client_page,
+    open_listener,
+)
 
-SWITCH_INTERVAL_S = 0.0001
+THREAD_SWITCH_INTERVAL_S = 0.0001
 """Python's thread switch interval. Its default value, 5 ms, would be half of a tick."""
 
 
@@ -41,7 +52,7 @@ def create_app(
     limiter: ConnectionLimiter,
     hosts: list[str],
     exporter: SceneExporter,
-    record: RecordCommand,
+    record: CommandRecorder,
     study: FastAPI | None = None,
     links: SessionLinks | None = None,
     sounds: Path | None = None,
@@ -62,12 +73,12 @@ def create_app(
     """
     start = secrets.token_hex(8)  # distinguishes scenes of this server from scenes of an earlier start
     app = FastAPI(openapi_url=None)
-    app.add_middleware(SameOriginOnly)
+    app.add_middleware(SameOriginMiddleware)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
 
     @app.get("/scenes/{number}.glb")
     async def scene(number: int, request: Request) -> Response:
-        if tokens.bearer(request.headers) is None:
+        if tokens.client_of_request(request.headers) is None:
             raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
@@ -76,7 +87,7 @@ def create_app(
         if request.headers.get("if-none-match") == version:
             return Response(status_code=304, headers=caching)
         try:
-            glb = await exporter.glb(number, *known[number])
+            glb = await exporter.wait_for_glb(number, *known[number])
         except Exception as error:  # any error of the export process
             raise HTTPException(500, f"scene {number} cannot be exported: {error!r}") from error
         return Response(glb, media_type="model/gltf-binary", headers=caching)
@@ -93,9 +104,9 @@ def create_app(
     async def spectator() -> FileResponse:
         return FileResponse(STATIC_FOLDER / "index.html")
 
-    add_sounds(app, tokens, sounds)
+    add_sound_route(app, tokens, sounds)
     if links is not None:
-        app.post("/link")(code_exchange(links))
+        app.post("/link")(make_code_endpoint(links))
 
     if study is not None:
         app.mount("/study", study)
@@ -125,7 +136,7 @@ class LiveServer(Generic[S]):
         certificate: Certificate | None = None,
         study: Callable[[Tokens, S], FastAPI] | None = None,
         tokens: Tokens | None = None,
-        record: Callable[[S, Caller, Any], None] = lambda session, caller, message: None,
+        record: Callable[[S, AuthenticatedClient, Any], None] = lambda session, caller, message: None,
         links: SessionLinks | None = None,
         sounds: Path | None = None,
     ) -> None:
@@ -146,21 +157,21 @@ class LiveServer(Generic[S]):
         Raises:
             ServerError: if the client is not built or the port is not available.
         """
-        check_page("index.html")
-        listener = listen(host, port, certificate)
+        check_client_page("index.html")
+        listener = open_listener(host, port, certificate)
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
         self.tokens = tokens or Tokens.new()
         self._broadcast = broadcast = Broadcast()
         if links is not None:
-            links.on_end = broadcast.close_participant
+            links.on_expiry = broadcast.close_participant
         try:
             self.loop = RealTimeLoop(make_session(broadcast.send), broadcast.send)
         except BaseException:
             listener.close()
             raise
         self._exporter = SceneExporter()
-        hosts = [*LOOPBACK, *(certificate.names if certificate else ())]
+        hosts = [*LOOPBACK_HOSTS, *(certificate.host_names if certificate else ())]
         pages = study(self.tokens, self.session) if study else None
         limiter = ConnectionLimiter(listener, self.tokens)
         of_session = partial(record, self.session)
@@ -193,32 +204,32 @@ class LiveServer(Generic[S]):
         self._broadcast.send(message)
 
     @property
-    def url(self) -> str:
+    def participant_url(self) -> str:
         """The address of the participant's page on this computer.
 
         The token is in the fragment, which browsers do not send.
         """
-        return self.urls()[0]
+        return self.page_urls()[0]
 
-    def urls(self, page: str = "", token: str | None = None) -> list[str]:
+    def page_urls(self, page: str = "", token: str | None = None) -> list[str]:
         """Returns the addresses of a page: first the loopback address, then the addresses in the local network."""
-        names = ["localhost"] if self.host in (*LOOPBACK, EVERY_ADDRESS) else []
-        names += self.certificate.names if self.certificate else ()
+        names = ["localhost"] if self.host in (*LOOPBACK_HOSTS, ALL_INTERFACES) else []
+        names += self.certificate.host_names if self.certificate else ()
         scheme = "https" if self.certificate else "http"
         return [
             f"{scheme}://{name}:{self.port}/{page}#token={token or self.tokens.participant}" for name in names
         ]
 
-    def pages(self) -> list[str]:
+    def participant_urls_without_token(self) -> list[str]:
         """Returns the addresses of the participant's page without a token. The page requests the code of a session."""
-        return [url.partition("#")[0] for url in self.urls()]
+        return [url.partition("#")[0] for url in self.page_urls()]
 
     def __enter__(self) -> "LiveServer[S]":
         gc.collect()
         gc.freeze()  # excludes permanent objects from later collections
         gc.disable()  # the loop collects garbage at rest
         self._switch_interval_s = sys.getswitchinterval()
-        sys.setswitchinterval(SWITCH_INTERVAL_S)
+        sys.setswitchinterval(THREAD_SWITCH_INTERVAL_S)
         self.loop.start()
         self._web.start()
         return self
@@ -244,5 +255,5 @@ class LiveServer(Generic[S]):
 
     def wait(self) -> None:
         """Wait until the server stops or the simulation fails."""
-        while self._web.running and self.loop.error is None:
+        while self._web.is_running and self.loop.error is None:
             self._web.wait(0.5)

@@ -14,17 +14,17 @@ from typing import Generic, Protocol, TypeVar
 from avrgym.models.human import Person
 from avrgym.tasks.settings import Settings
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Received, Send
+from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
 from avrgym.vr.server.cpu_idle import CpuIdlePrevention
-from avrgym.vr.server.inbox import MESSAGE_TIME_S, MESSAGES_PER_TICK, Inbox, NewConnection
+from avrgym.vr.server.inbox import MAX_HANDLING_TIME_S, MAX_MESSAGES_PER_TICK, Inbox, NewConnection
 
 TIMING_INTERVAL_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
 """Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
 MAX_CATCH_UP_TICKS = 5
 """The loop catches up with at most this number of late ticks. If more are late, all of them are skipped."""
-MAX_LATE_TICKS = 10_000
-PRIORITY = 10
+MAX_STORED_LATE_TICKS = 10_000
+REAL_TIME_PRIORITY = 10
 """Real-time priority of the loop's thread (``SCHED_FIFO``, 1 to 99)."""
 
 
@@ -37,7 +37,7 @@ class LateTick:
 
     due_s: float
     ended_s: float
-    lost: int
+    missed_ticks: int
 
 
 class Runnable(Protocol):
@@ -53,11 +53,11 @@ class Runnable(Protocol):
         """Whether nothing moves. A tick may then be some milliseconds late."""
         ...
 
-    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
         """Send the current state to a new connection."""
         ...
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message of a client."""
         ...
 
@@ -80,11 +80,11 @@ class RealTimeLoop(Generic[S]):
     the thread, if any.
     """
 
-    def __init__(self, session: S, send: Send = lambda message: None) -> None:
+    def __init__(self, session: S, send: SendMessage = lambda message: None) -> None:
         """Create the loop. ``send`` receives the durations of the ticks once a second."""
         self.session = session
         self.missed_ticks = 0
-        self.late: deque[LateTick] = deque(maxlen=MAX_LATE_TICKS)
+        self.late_ticks: deque[LateTick] = deque(maxlen=MAX_STORED_LATE_TICKS)
         self.error: Exception | None = None
         self._send = send
         self._took_s: list[float] = []
@@ -107,11 +107,11 @@ class RealTimeLoop(Generic[S]):
         """Whether the queue of messages is full. Senders must then wait."""
         return self._inbox.is_full
 
-    def post(self, message: Received) -> None:
+    def post(self, message: ReceivedMessage) -> None:
         """Pass a message to the session from any thread; see ``Inbox``."""
         self._inbox.put(message)
 
-    def welcome(self, send: Send, role: messages.Role) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role) -> None:
         """Make the session send its current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
@@ -126,11 +126,11 @@ class RealTimeLoop(Generic[S]):
                 self.session.tick(now)
                 self._send_timing(_clock_s() - began - now)
                 self._collect_garbage(now)
-                cpu_idle_prevention.set(not self.session.at_rest)
+                cpu_idle_prevention.set_enabled(not self.session.at_rest)
                 due = self._wait(due + TICK_S)
         except Exception as error:
             self.error = error
-        cpu_idle_prevention.set(False)
+        cpu_idle_prevention.set_enabled(False)
         try:
             self.session.close(_clock_s() - began)
         except Exception as error:
@@ -138,13 +138,13 @@ class RealTimeLoop(Generic[S]):
 
     def _take_messages(self, now_s: float) -> None:
         """Handle waiting messages within the time limit of a tick."""
-        ends_s = time.monotonic() + MESSAGE_TIME_S
-        for _ in range(MESSAGES_PER_TICK):
-            message = self._inbox.take()
+        ends_s = time.monotonic() + MAX_HANDLING_TIME_S
+        for _ in range(MAX_MESSAGES_PER_TICK):
+            message = self._inbox.get()
             if message is None:
                 return
             if isinstance(message, NewConnection):
-                self.session.welcome(message.send, message.role, now_s)
+                self.session.send_initial_state(message.send, message.role, now_s)
             else:
                 self.session.receive(message, now_s)
             if time.monotonic() > ends_s:
@@ -169,7 +169,7 @@ class RealTimeLoop(Generic[S]):
             time.sleep(-late)
             return due
         lost = int(late / TICK_S) if late > MAX_CATCH_UP_TICKS * TICK_S else 0
-        self.late.append(LateTick(due - TICK_S, due + late, lost))
+        self.late_ticks.append(LateTick(due - TICK_S, due + late, lost))
         self.missed_ticks += lost
         return due + lost * TICK_S
 
@@ -192,7 +192,7 @@ def use_real_time_priority() -> bool:
         return False
     try:
         policy = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK  # child threads have normal priority
-        os.sched_setscheduler(0, policy, os.sched_param(PRIORITY))
+        os.sched_setscheduler(0, policy, os.sched_param(REAL_TIME_PRIORITY))
     except OSError:
         return False
     return True

@@ -25,7 +25,7 @@ async def read_json_body(request: Request, max_bytes: int) -> bytearray:
     return data
 
 
-async def decode_body(request: Request, kind: type[B], max_bytes: int) -> B:
+async def decode_json_body(request: Request, kind: type[B], max_bytes: int) -> B:
     """Returns the decoded body of a request. Error messages contain no values, because values may be names of people.
 
     Raises:
@@ -45,6 +45,6 @@ def json_response(value: Any, status: int = 200) -> Response:
     return Response(msgspec.json.encode(value), status, media_type="application/json")
 
 
-def refuse_with(status: int, **more: str) -> Callable[[Request, Exception], Response]:
+def make_error_handler(status: int, **more: str) -> Callable[[Request, Exception], Response]:
     """Returns an exception handler. It responds with this status, the error's message and the fields ``more``."""
     return lambda _request, error: json_response({"detail": str(error), **more}, status)

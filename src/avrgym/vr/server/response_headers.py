@@ -11,7 +11,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketDisconnect
 
 PACKAGE_FOLDER = str(Path(__file__).parents[2])
-FRAMED_PAGE = "/spectator"
+EMBEDDABLE_PAGE = "/spectator"
 """The only page that may be in a frame; the dashboard contains it."""
 HASHED_FILES_PATH = "/assets/"
 """Folder of files with a hash of their content in the name. Browsers may cache them forever."""
@@ -24,15 +24,15 @@ CONTENT_SECURITY_POLICY = (
 PERMISSIONS_POLICY = (
     "xr-spatial-tracking=(self), camera=(), display-capture=(), geolocation=(), microphone=(), payment=()"
 )
-INTERNAL_ERROR_CODE = 1011
+INTERNAL_ERROR_CLOSE_CODE = 1011
 """Closing code of a WebSocket after an error of the server (RFC 6455)."""
 
 _log = logging.getLogger(__name__)
 
 
-def headers(path: str) -> dict[str, str]:
+def security_headers(path: str) -> dict[str, str]:
     """Returns the security headers for a response to this path. Headers that the response already has override them."""
-    ancestors, frames = ("'self'", "SAMEORIGIN") if path == FRAMED_PAGE else ("'none'", "DENY")
+    ancestors, frames = ("'self'", "SAMEORIGIN") if path == EMBEDDABLE_PAGE else ("'none'", "DENY")
     return {
         "content-security-policy": CONTENT_SECURITY_POLICY.format(ancestors=ancestors),
         "x-frame-options": frames,
@@ -45,7 +45,7 @@ def headers(path: str) -> dict[str, str]:
     }
 
 
-class ResponseHeaders:
+class SecurityHeadersMiddleware:
     """Middleware that adds the headers to every response.
 
     An unexpected error becomes a plain 500 response and one log line with its type and location. The line contains no
@@ -95,7 +95,7 @@ class _Response:
                 await self._refuse("Internal Server Error", 500)
             elif self._scope["type"] == "websocket":
                 await self.send(
-                    {"type": "websocket.close", "code": INTERNAL_ERROR_CODE, "reason": "internal error"}
+                    {"type": "websocket.close", "code": INTERNAL_ERROR_CLOSE_CODE, "reason": "internal error"}
                 )
 
     async def _refuse(self, words: str, status: int) -> None:
@@ -104,7 +104,7 @@ class _Response:
 
 def _completed(given: list[tuple[bytes, bytes]], path: str, status: int) -> list[tuple[bytes, bytes]]:
     present = {name.lower() for name, _ in given}
-    added = headers(path)
+    added = security_headers(path)
     if path.startswith(HASHED_FILES_PATH) and status in (200, 304):
         added["cache-control"] = "public, max-age=31536000, immutable"
     return [*given, *((n.encode(), v.encode()) for n, v in added.items() if n.encode() not in present)]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 from avrgym.vr.protocol.messages import Language
 
-LINK_BYTES = 16
+LINK_TOKEN_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALID_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
@@ -26,13 +26,13 @@ class CodeError(ValueError):
     """A code is wrong, used or expired."""
 
 
-class TooManyCodesError(CodeError):
+class TooManyWrongCodesError(CodeError):
     """Too many wrong codes were entered recently."""
 
 
 def new_link() -> str:
     """Returns a new link: a random token of 128 bits."""
-    return secrets.token_urlsafe(LINK_BYTES)
+    return secrets.token_urlsafe(LINK_TOKEN_BYTES)
 
 
 def link_sha256(link: str) -> str:
@@ -61,12 +61,12 @@ class _Code:
 class SessionLinks:
     """The link of the current session, if any, and expired links. Thread-safe.
 
-    ``on_end`` is called when a link expires, in the thread that calls ``end``.
+    ``on_expiry`` is called when a link expires, in the thread that calls ``end``.
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
         """``ended`` contains the checksums of expired links, with the language of each participant."""
-        self.on_end: Callable[[], None] = lambda: None
+        self.on_expiry: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None
         self._codes: list[_Code] = []
@@ -78,29 +78,29 @@ class SessionLinks:
         """The link of the current session; ``None`` between sessions."""
         return None if self._open is None else self._open.link
 
-    def begin(self, link: str, language: Language) -> None:
+    def set_link(self, link: str, language: Language) -> None:
         """Set the link of a new session, or a new link of this session. The previous link expires."""
-        self.end()
+        self.expire_link()
         self._open = _CurrentLink(link, link_sha256(link), language)
 
-    def end(self) -> None:
+    def expire_link(self) -> None:
         """Make the link of the current session expire. Its codes expire too."""
         with self._lock:
             ended, self._open, self._codes = self._open, None, []
         if ended is not None:
             self._ended[ended.sha256] = ended.language
-            self.on_end()
+            self.on_expiry()
 
-    def opens(self, token: str) -> bool:
+    def is_current_link(self, token: str) -> bool:
         """Returns whether a token is the link of the current session."""
         present = self._open
         return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
 
-    def language_of_expired(self, token: str) -> Language | None:
+    def expired_link_language(self, token: str) -> Language | None:
         """Returns the language of the participant of an expired link; ``None`` for an unknown token."""
         return self._ended.get(link_sha256(token))
 
-    def code(self) -> str | None:
+    def current_code(self) -> str | None:
         """Returns a code that is valid for at least another ``CODE_VALID_S`` / 2; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
@@ -110,7 +110,7 @@ class SessionLinks:
                 self._codes.append(_Code(f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}}"))
             return self._codes[-1].digits
 
-    def exchange(self, digits: str) -> str:
+    def exchange_code(self, digits: str) -> str:
         """Returns the link for a code. The code cannot be used again.
 
         Raises:
@@ -120,7 +120,7 @@ class SessionLinks:
         with self._lock:
             now_s = time.monotonic()
             if len(self._wrong_s) == MAX_WRONG_CODES and now_s - self._wrong_s[0] < WRONG_CODE_WINDOW_S:
-                raise TooManyCodesError(
+                raise TooManyWrongCodesError(
                     f"{MAX_WRONG_CODES} wrong codes in {WRONG_CODE_WINDOW_S:g} s; wait, or open the link"
                 )
             for code in self._codes:

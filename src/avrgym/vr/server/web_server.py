@@ -12,14 +12,14 @@ import uvicorn
 from fastapi import FastAPI
 from starlette.types import ASGIApp
 
-from avrgym.vr.server.addresses import LOOPBACK
+from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.certificate import Certificate
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.http_protocols import HttpProtocol, WebSocketProtocol
-from avrgym.vr.server.response_headers import ResponseHeaders
+from avrgym.vr.server.response_headers import SecurityHeadersMiddleware
 
 STATIC_FOLDER = Path(__file__).parents[1] / "static"
-PAGES = (
+CLIENT_PAGES = (
     "index.html",
     "dashboard.html",
     "caregiver.html",
@@ -31,7 +31,7 @@ PAGES = (
 CLIENT_INSTALL_HINT = (
     "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 )
-PROTOCOL = socket.IPPROTO_TCP
+SOCKET_PROTOCOL = socket.IPPROTO_TCP
 """Set explicitly: asyncio sets TCP_NODELAY only on sockets that specify the protocol."""
 BACKLOG = 1024
 """Maximum number of connections that wait to be accepted."""
@@ -47,13 +47,13 @@ class ServerError(RuntimeError):
     """The server cannot start; the message contains the reason and a solution."""
 
 
-def check_page(name: str) -> None:
+def check_client_page(name: str) -> None:
     """Raise ``ServerError`` if a page of the client is not built."""
     if not (STATIC_FOLDER / name).exists():
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 
 
-def listen(
+def open_listener(
     host: str, port: int, certificate: Certificate | None = None, *, behind_proxy: bool = False
 ) -> socket.socket:
     """Returns a new listening socket. ``behind_proxy``: a reverse proxy provides TLS for other computers.
@@ -61,12 +61,12 @@ def listen(
     Raises:
         ServerError: if the port is not available, or for an address other than loopback without a certificate.
     """
-    if host not in LOOPBACK and certificate is None and not behind_proxy:
+    if host not in LOOPBACK_HOSTS and certificate is None and not behind_proxy:
         raise ServerError(
             f"--host {host} needs --lan, because browsers allow VR only on pages with a certificate; "
-            f"without --lan, use --host {' or '.join(LOOPBACK)}; a headset reaches it over USB"
+            f"without --lan, use --host {' or '.join(LOOPBACK_HOSTS)}; a headset reaches it over USB"
         )
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, PROTOCOL)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM, SOCKET_PROTOCOL)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
@@ -94,7 +94,7 @@ class WebServer:
         ``websockets``: creates the protocol of a connection that becomes a WebSocket.
         """
         self._limiter = limiter
-        limited = limiter.middleware(ResponseHeaders(app))
+        limited = limiter.middleware(SecurityHeadersMiddleware(app))
         self._uvicorn = _Server(_configuration(limited, certificate, websockets), limiter)
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
@@ -109,7 +109,7 @@ class WebServer:
         self._limiter.listener.close()
 
     @property
-    def running(self) -> bool:
+    def is_running(self) -> bool:
         """Whether the server runs."""
         return self._thread.is_alive()
 
@@ -130,7 +130,9 @@ class _Server(uvicorn.Server):
         """Start accepting connections."""
         await super().startup(sockets=[])
         asyncio.get_running_loop().set_exception_handler(_report)
-        self._opened = asyncio.create_task(self._limiter.open(self._make_protocol, self.config.ssl))
+        self._opened = asyncio.create_task(
+            self._limiter.accept_connections(self._make_protocol, self.config.ssl)
+        )
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop accepting connections, then finish the requests in progress."""

@@ -10,23 +10,23 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.elementary import c_library_fingerprint
 from avrgym.models import human
-from avrgym.models.body_names import BODY_PARTS
+from avrgym.models.body_names import TRACKED_BODY_PARTS
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.recording import schema
-from avrgym.recording.configuration import BodyModel, Configuration, HeadsetCheck, Versions
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.configuration import BodyModel, HeadsetCheck, TrialConfiguration, Versions
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
-from avrgym.system.used_plugins import UsedPlugin, own_version
+from avrgym.system.used_plugins import UsedPlugin, avrgym_version
 from avrgym.tasks.constants import WORLD_VERSION
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.session.plan import SessionPlan
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
-MakeConfiguration = Callable[[int], Configuration]
+ConfigurationFactory = Callable[[int], TrialConfiguration]
 """Function that returns the configuration of the attempt with a given number."""
 
 
@@ -37,9 +37,9 @@ class AttemptResults:
     success: bool = False
     force_mean_n: float = 0.0
     force_max_n: float = 0.0
-    speed_mean_m_s: float = 0.0
+    tool_speed_mean_m_s: float = 0.0
 
-    def after(self, step: ControlStep, steps: int) -> "AttemptResults":
+    def after_step(self, step: FirstWorldStep, steps: int) -> "AttemptResults":
         """Returns the results after another control step. ``steps`` is the number of steps, including this one."""
         outcome = step.outcome
         force_n, speed_m_s = (
@@ -50,7 +50,7 @@ class AttemptResults:
             success=bool(outcome.success[0]),
             force_mean_n=self.force_mean_n + (force_n - self.force_mean_n) / steps,
             force_max_n=max(self.force_max_n, force_n),
-            speed_mean_m_s=self.speed_mean_m_s + (speed_m_s - self.speed_mean_m_s) / steps,
+            tool_speed_mean_m_s=self.tool_speed_mean_m_s + (speed_m_s - self.tool_speed_mean_m_s) / steps,
         )
 
 
@@ -63,7 +63,13 @@ class Attempt:
     """
 
     def __init__(
-        self, folder: Path, trial: int, configure: MakeConfiguration, began_s: float, *, first_number: int = 1
+        self,
+        folder: Path,
+        trial: int,
+        configure: ConfigurationFactory,
+        began_s: float,
+        *,
+        first_number: int = 1,
     ) -> None:
         """Open the recording of a new attempt. Its number is the first without a file in ``folder``.
 
@@ -77,10 +83,10 @@ class Attempt:
         Raises:
             OSError: if no recording can be opened.
         """
-        self.began_s = began_s
+        self.started_s = began_s
         self.steps, self.reward, self.attempt_results = 0, 0.0, AttemptResults()
-        self.trial = trial
-        self.latest: ControlStep | None = None
+        self.trial_number = trial
+        self.latest_step: FirstWorldStep | None = None
         self._told_of_stall = False
         self._targets_rad: FloatArray | None = None
         self._records: list[tuple[str, int, schema.Record]] = []
@@ -93,19 +99,19 @@ class Attempt:
         return self.attempt_results.success
 
     @property
-    def path(self) -> Path:
+    def recording_file(self) -> Path:
         """The file of the recording."""
         return self._recording.path
 
     @property
-    def failure(self) -> Exception | None:
+    def recording_error(self) -> Exception | None:
         """The error that makes the recording incomplete, if any. A slow disk causes no loss of data."""
-        error = self._recording.error
+        error = self._recording.disk_error
         return None if isinstance(error, TimeoutError) else error
 
-    def take_slow_disk_error(self) -> TimeoutError | None:
+    def pop_slow_disk_error(self) -> TimeoutError | None:
         """Returns the error of a slow disk once, then ``None``."""
-        error = self._recording.error
+        error = self._recording.disk_error
         if not isinstance(error, TimeoutError) or self._told_of_stall:
             return None
         self._told_of_stall = True
@@ -117,7 +123,7 @@ class Attempt:
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
         """Add a record with the time ``now_s``. The next ``submit_records`` writes it."""
-        self._records.append((topic, round((now_s - self.began_s) * 1e9), record))
+        self._records.append((topic, round((now_s - self.started_s) * 1e9), record))
 
     def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
@@ -129,7 +135,7 @@ class Attempt:
         for record in recorded:
             self._recording.write(*record)
         if self._finished is not None:
-            self._recording.robot_finished(self._finished)
+            self._recording.write_robot_outcome(self._finished)
             self._finished = None
 
     def record_physics(self, world: LiveWorld, now_s: float) -> None:
@@ -137,16 +143,16 @@ class Attempt:
         if world.applied_action is not None:
             action = world.applied_action.tolist()
             self.record("/commands", schema.Command(self.steps + 1, action, world.braked), now_s)
-        state = schema.Physics(self.steps, world.time_s, world.state_vector().tolist())
+        state = schema.Physics(self.steps, world.time_s, world.integration_state().tolist())
         self.record("/physics", state, now_s)
 
-    def record_targets(self, joint_targets_rad: FloatArray, now_s: float) -> None:
+    def record_joint_targets(self, joint_targets_rad: FloatArray, now_s: float) -> None:
         """Record the person's joint targets if they have changed."""
         if self._targets_rad is None or not np.array_equal(joint_targets_rad, self._targets_rad):
             self._targets_rad = joint_targets_rad
             self.record("/body_targets", schema.BodyTargets(joint_targets_rad.tolist()), now_s)
 
-    def record_pacing(self, world: LiveWorld, step: ControlStep, now_s: float) -> None:
+    def record_pacing(self, world: LiveWorld, step: FirstWorldStep, now_s: float) -> None:
         """Record the state of the pacing layer, if the trial has this layer. Call it after ``record_step``."""
         pacing = world.pacing
         if pacing is None:
@@ -155,23 +161,23 @@ class Attempt:
             step=self.steps,
             mode=pacing.mode_name(0),
             speed_factor=float(pacing.speed_factor[0]),
-            distance_m=float(pacing.distance_m[0]),
-            side=float(pacing.side[0]),
+            distance_m=float(pacing.preferred_distance_m[0]),
+            side=float(pacing.preferred_side[0]),
             gap_m=float(pacing.gap_m[0]),
             tool_speed_m_s=float(step.outcome.tool_speed_m_s[0]),
         )
         self.record("/pacing", record, now_s)
 
-    def record_step(self, step: ControlStep, driver: str, idle: bool, now_s: float) -> None:
+    def record_step(self, step: FirstWorldStep, driver: str, idle: bool, now_s: float) -> None:
         """Count and record a finished control step; see ``schema.Control``."""
         outcome = step.outcome
-        self.latest = step
+        self.latest_step = step
         self.steps += 1
         self.reward += float(outcome.reward[0])
-        self.attempt_results = self.attempt_results.after(step, self.steps)
+        self.attempt_results = self.attempt_results.after_step(step, self.steps)
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
-    def robot_finished(self, now_s: float) -> None:
+    def record_robot_finished(self, now_s: float) -> None:
         """Record that the robot has finished; ``submit_records`` writes this. The attempt then survives a crash."""
         self._finished = self._outcome("completed", now_s)
 
@@ -180,17 +186,21 @@ class Attempt:
 
         The newest frame moved all parts of the body, except those in the record's ``held_parts``.
         """
-        deviating = [part for part in BODY_PARTS if part in followed.deviating_parts or part in followed.lost]
-        for frame in followed.arrived:
-            tracking, applied = frame.tracking, frame is followed.newest
+        deviating = [
+            part
+            for part in TRACKED_BODY_PARTS
+            if part in followed.deviating_parts or part in followed.lost_parts
+        ]
+        for frame in followed.arrived_frames:
+            tracking, applied = frame.tracking, frame is followed.newest_frame
             record = schema.TrackingFrame(
                 sequence=tracking.sequence,
                 client_time_ms=tracking.client_time_ms,
-                received_time_s=frame.received_s - self.began_s,
+                received_time_s=frame.received_s - self.started_s,
                 applied=applied,
-                held=followed.silent or not frame.usable,
+                held=followed.is_stale or not frame.is_usable,
                 held_parts=deviating if applied else [],
-                untracked_parts=list(followed.untracked) if applied else [],
+                untracked_parts=list(followed.untracked_parts) if applied else [],
                 left_modality=tracking.left_modality,
                 right_modality=tracking.right_modality,
                 head=_recorded(tracking.head),
@@ -214,11 +224,11 @@ class Attempt:
             steps=self.steps,
             reward=self.reward,
             success=self.success,
-            seconds=now_s - self.began_s,
+            seconds=now_s - self.started_s,
         )
 
 
-def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> schema.Control:
+def control_record(number: int, step: FirstWorldStep, driver: str, idle: bool) -> schema.Control:
     """Returns the record of the attempt's control step with this number, from 1."""
     outcome = step.outcome
     return schema.Control(
@@ -237,10 +247,10 @@ def control_record(number: int, step: ControlStep, driver: str, idle: bool) -> s
 
 def versions() -> Versions:
     """Returns the versions of the running packages."""
-    return Versions(own_version(), mujoco.__version__)
+    return Versions(avrgym_version(), mujoco.__version__)
 
 
-def configuration(
+def attempt_configuration(
     plan: SessionPlan,
     index: int,
     attempt: int,
@@ -249,17 +259,17 @@ def configuration(
     session: str,
     plugins: Sequence[UsedPlugin],
     headset: HeadsetCheck | None = None,
-    input_profile: InputProfile = CONTROLLERS,
-) -> Configuration:
+    input_profile: InputProfile = DEFAULT_INPUT_PROFILE,
+) -> TrialConfiguration:
     """Returns the configuration of an attempt at the plan's trial ``index``."""
     trial, person = plan.trials[index], world.person
-    return Configuration(
+    return TrialConfiguration(
         session=session,
         environment=trial.environment,
         policy=trial.policy,
         seed=trial.seed,
         practice=trial.practice,
-        goal=plan.goal_of(trial),
+        goal=plan.goal_text(trial),
         needed_parts=tuple(world.task.tracked),
         trial=index + 1,
         attempt=attempt,
@@ -294,7 +304,9 @@ def configuration(
     )
 
 
-def _open(folder: Path, trial: int, configure: MakeConfiguration, number: int) -> tuple[int, RecordingWriter]:
+def _open(
+    folder: Path, trial: int, configure: ConfigurationFactory, number: int
+) -> tuple[int, RecordingWriter]:
     """Create a recording for the first attempt, from ``number`` on, whose file does not exist. Returns the attempt's
     number and the recording."""
     make_private_folder(folder)

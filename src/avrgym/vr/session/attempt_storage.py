@@ -9,9 +9,9 @@ from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import Attempt, AttemptResults, MakeConfiguration
+from avrgym.vr.session.attempt import Attempt, AttemptResults, ConfigurationFactory
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.tracking.frames import Frame
+from avrgym.vr.tracking.frames import ReceivedFrame
 from avrgym.vr.tracking.tracking_state import TrackingUpdate
 
 
@@ -19,8 +19,8 @@ from avrgym.vr.tracking.tracking_state import TrackingUpdate
 class QuestionnaireAttempt:
     """The attempt with the open questionnaire: trial and attempt number, both from 1, and recording."""
 
-    trial: int
-    attempt: int
+    trial_number: int
+    attempt_number: int
     recording: Path
 
 
@@ -36,8 +36,8 @@ class AttemptStorage:
         """``folder`` is the folder of recordings; files are never overwritten."""
         self.attempt: Attempt | None = None
         self.recordings: list[Path] = []
-        self.completing: int | None = None
-        self.failing = False
+        self.completing_trial_index: int | None = None
+        self.has_storage_failed = False
         self.questionnaire_attempt: QuestionnaireAttempt | None = None
         self._folder, self._sink = folder, sink
         self._latest: Attempt | None = None
@@ -47,10 +47,10 @@ class AttemptStorage:
         """The results of the latest attempt until now."""
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
-    def begin(
+    def begin_attempt(
         self,
         trial: int,
-        configure: MakeConfiguration,
+        configure: ConfigurationFactory,
         first_number: int,
         now_s: float,
         input_profile: InputProfile,
@@ -61,14 +61,18 @@ class AttemptStorage:
             OSError: if no recording can be opened.
         """
         attempt = Attempt(self._folder, trial, configure, now_s, first_number=first_number)
-        if self.failing:
+        if self.has_storage_failed:
             self._sink.clear_failures()
         self.attempt = self._latest = attempt
-        self.questionnaire_attempt = QuestionnaireAttempt(attempt.trial, attempt.number, attempt.path)
-        self.failing = False
-        self.recordings.append(attempt.path)
+        self.questionnaire_attempt = QuestionnaireAttempt(
+            attempt.trial_number, attempt.number, attempt.recording_file
+        )
+        self.has_storage_failed = False
+        self.recordings.append(attempt.recording_file)
         self._sink.report(
-            events.TrialBegun(now_s, attempt.trial, attempt.number, attempt.path, input_profile)
+            events.TrialBegun(
+                now_s, attempt.trial_number, attempt.number, attempt.recording_file, input_profile
+            )
         )
         return attempt
 
@@ -88,7 +92,9 @@ class AttemptStorage:
         elif self.questionnaire_attempt is not None:
             answers_file.append_answer(self.questionnaire_attempt.recording, answer)
 
-    def end(self, result: AttemptEnd, arrived: Sequence[Frame], now_s: float) -> RecordingError | None:
+    def end_attempt(
+        self, result: AttemptEnd, arrived: Sequence[ReceivedFrame], now_s: float
+    ) -> RecordingError | None:
         """End a running attempt. Returns the error that makes its recording incomplete, if any.
 
         ``arrived`` are the tracking frames that arrived since the last tick.
@@ -99,21 +105,21 @@ class AttemptStorage:
         attempt.record_frames(TrackingUpdate(arrived))
         failure = attempt.close(result, now_s)
         sums = attempt.steps, attempt.reward, attempt.success
-        whose = attempt.trial, attempt.number, attempt.path
+        whose = attempt.trial_number, attempt.number, attempt.recording_file
         ending = "failed" if result == "completed" and failure is not None else result
         self._sink.report(events.TrialEnded(now_s, *whose, ending, failure is None, *sums))
         return failure
 
-    def take_failure(self) -> Exception | None:
+    def pop_failure(self) -> Exception | None:
         """Returns the observer's error and clears it; ``None`` if there is none.
 
         Also returns ``None`` if a storage failure was already reported and no further data is at risk.
         """
-        failure = self._sink.take_failure()
-        at_stake = self.attempt is not None or self.completing is not None
-        return failure if at_stake or not self.failing else None
+        failure = self._sink.pop_failure()
+        at_stake = self.attempt is not None or self.completing_trial_index is not None
+        return failure if at_stake or not self.has_storage_failed else None
 
     def discard_attempt(self) -> None:
         """Mark the attempt as not stored, and clear all errors. Nothing is stored until the next attempt begins."""
-        self.completing, self.failing = None, True
+        self.completing_trial_index, self.has_storage_failed = None, True
         self._sink.clear_failures()

@@ -2,17 +2,17 @@
 
 from collections.abc import Mapping
 
-from avrgym.commands.vocabulary import Source
+from avrgym.commands.vocabulary import CommandSource
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import CommandName, Disconnected, Received, StopMethod
+from avrgym.vr.protocol.messages import CommandName, ParticipantDisconnected, ReceivedMessage, StopMethod
 from avrgym.vr.session.interruptions import visibility_interruption
 from avrgym.vr.session.phases import Phase
 
-STOP_METHODS: Mapping[Source, StopMethod] = {"key": "key", "button": "button"}
+STOP_METHOD_BY_SOURCE: Mapping[CommandSource, StopMethod] = {"key": "key", "button": "button"}
 """Stop method of a command ``stop``, by its source."""
 
 
-def handle_message(phase: Phase, message: Received) -> Phase:
+def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:
     """Pass a message to a phase. Returns the next phase."""
     match message:
         case messages.Tracking():
@@ -20,17 +20,17 @@ def handle_message(phase: Phase, message: Received) -> Phase:
         case messages.Latency():
             phase.on_latency(message)
         case messages.HeadsetFrames():
-            phase.on_frames(message)
+            phase.on_headset_frames(message)
         case messages.SceneLoaded():
-            phase.state.worlds.mark_shown(message.url)
+            phase.state.trial_worlds.mark_scene_shown(message.url)
         case messages.Entered():
             return phase.enter_vr()
         case messages.Left():
             return phase.leave_vr()
-        case Disconnected():
+        case ParticipantDisconnected():
             return phase.disconnect()
         case messages.VisibilityChanged():
-            if phase.state.take_visibility(message.visibility):
+            if phase.state.update_visibility(message.visibility):
                 return phase.interrupt(visibility_interruption(phase.state.now_s, message.visibility))
         case messages.OriginReset():
             return phase.on_origin_reset()
@@ -61,27 +61,27 @@ def handle_message(phase: Phase, message: Received) -> Phase:
         case messages.Drive():
             phase.drive(message)
         case messages.Command():
-            return execute_command(phase, message.name)
+            return execute_experimenter_command(phase, message.name)
         case messages.Offered() | messages.Press():
-            phase.state.input.forward(message, phase.state.send)
+            phase.state.participant_input.forward_selection(message, phase.state.send)
         case messages.SceneWatched():
             pass
         case messages.Hello() | messages.Receipt():
-            phase.state.report(
+            phase.state.report_problem(
                 f"a message of type {type(message).__name__} is ignored; a running session does not handle it"
             )
     return phase
 
 
-def stop_by_command(phase: Phase, source: Source) -> Phase:
+def stop_by_command(phase: Phase, source: CommandSource) -> Phase:
     """Pass the command ``stop`` to a phase. Every source may stop the robot, even if the trial does not allow it."""
     if phase.can_be_stopped:
         phase.state.record_command("stop", source, effective=True)
     by = source if source == "caregiver" or source == "experimenter" else "participant"
-    return phase.stop(by, STOP_METHODS.get(source))
+    return phase.stop(by, STOP_METHOD_BY_SOURCE.get(source))
 
 
-def execute_command(phase: Phase, command: CommandName) -> Phase:
+def execute_experimenter_command(phase: Phase, command: CommandName) -> Phase:
     """Pass a command of the experimenter to a phase. Returns the next phase."""
     match command:
         case "stop":

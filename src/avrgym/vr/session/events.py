@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Literal
 
 from avrgym.commands.preferences import Preferences
-from avrgym.commands.vocabulary import CommandName, Source
-from avrgym.models.body_names import BodyPart
+from avrgym.commands.vocabulary import CommandName, CommandSource
+from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.recording.schema import Answer, AttemptEnd
 from avrgym.vr.protocol.messages import PhaseName, StopMethod, Visibility
 
@@ -106,7 +106,7 @@ class TrialBegun(SessionEvent):
     trial: int
     attempt: int
     recording: Path
-    input_profile: InputProfile = CONTROLLERS
+    input_profile: InputProfile = DEFAULT_INPUT_PROFILE
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class RobotCommanded(SessionEvent):
     """The participant gave the robot a command."""
 
     name: CommandName
-    source: Source
+    source: CommandSource
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class CommandIgnored(SessionEvent):
     """A command to the robot was ignored; ``reason``: why."""
 
     name: CommandName
-    source: Source
+    source: CommandSource
     reason: str
 
 
@@ -231,21 +231,21 @@ class Continued(SessionEvent):
 class TrackingLost(SessionEvent):
     """A part of the body that the task needs is no longer tracked. The simulated part keeps its last pose."""
 
-    part: BodyPart
+    part: TrackedBodyPart
 
 
 @dataclass(frozen=True)
 class TrackingFound(SessionEvent):
     """A part of the body that the task needs is tracked again, or is no longer needed."""
 
-    part: BodyPart
+    part: TrackedBodyPart
 
 
 @dataclass(frozen=True)
 class TrackingTimedOut(SessionEvent):
     """A part of the body that the task needs was untracked for too long. The attempt ends."""
 
-    part: BodyPart
+    part: TrackedBodyPart
 
 
 @dataclass(frozen=True)
@@ -298,13 +298,13 @@ class StreamFound(SessionEvent):
     stream: str
 
 
-Observer = Callable[[SessionEvent], None]
+EventObserver = Callable[[SessionEvent], None]
 
 
 class EventSink:
     """Reports every event to an observer. ``failure`` is the latest error that prevented the storage of an event."""
 
-    def __init__(self, observe: Observer, stored: Callable[[], bool]) -> None:
+    def __init__(self, observe: EventObserver, stored: Callable[[], bool]) -> None:
         """``observe`` receives each event; ``stored`` returns whether all events are stored. Both may raise an
         error."""
         self.failure: Exception | None = None
@@ -325,7 +325,7 @@ class EventSink:
             self.failure = error
             return False
 
-    def take_failure(self) -> Exception | None:
+    def pop_failure(self) -> Exception | None:
         """Returns the failure and clears it."""
         failure, self.failure = self.failure, None
         return failure

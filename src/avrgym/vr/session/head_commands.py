@@ -4,9 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from avrgym.commands.head_motion import GazeTimer, HeadGestures
-from avrgym.commands.preferences import AppliedRules
-from avrgym.commands.vocabulary import LIMITED_SOURCES, CommandName, Source
+from avrgym.commands.head_motion import GazeTimer, HeadGestureDetector
+from avrgym.commands.preferences import TrialRules
+from avrgym.commands.vocabulary import COMMANDS_BY_LIMITED_SOURCE, CommandName, CommandSource
 from avrgym.safety.pacing import facing_angle_rad
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Tracking
@@ -18,14 +18,16 @@ class HeadCommands:
     While the robot waits, a look at the tool means ``ready``. While it continues, a look away means ``wait``.
     """
 
-    def __init__(self, rules: AppliedRules) -> None:
+    def __init__(self, rules: TrialRules) -> None:
         """Start a trial with these rules. Only the sources in ``rules.sources`` give commands."""
         self._sources = rules.sources
-        self._gestures = HeadGestures(rules.thresholds) if {"nod", "shake"} & {*rules.sources} else None
+        self._gestures = (
+            HeadGestureDetector(rules.thresholds) if {"nod", "shake"} & {*rules.sources} else None
+        )
         self._gaze = GazeTimer(rules.thresholds) if "gaze" in rules.sources else None
         self._mode = ""
 
-    def gestures(self, tracking: Tracking) -> Iterator[tuple[CommandName, Source]]:
+    def gesture_commands(self, tracking: Tracking) -> Iterator[tuple[CommandName, CommandSource]]:
         """Yields the commands of gestures that end with this tracking frame, with their sources."""
         if self._gestures is None or tracking.head is None:
             return
@@ -35,19 +37,19 @@ class HeadCommands:
             return
         for name, done in self._gestures.update(q, tracking.client_time_ms / 1000.0).items():
             if done[0] and name in self._sources:
-                yield LIMITED_SOURCES[name][0], name
+                yield COMMANDS_BY_LIMITED_SOURCE[name][0], name
 
-    def gaze(self, world: LiveWorld) -> Iterator[tuple[CommandName, Source]]:
+    def gaze_commands(self, world: LiveWorld) -> Iterator[tuple[CommandName, CommandSource]]:
         """Yields the commands from a look at the tool or away from it. Call it after each control step."""
         if self._gaze is None or world.pacing is None:
             return
         mode = world.pacing.mode_name(0)
         if mode != self._mode:
-            self._gaze.facing_s[:] = self._gaze.away_s[:] = 0.0
+            self._gaze.facing_s[:] = self._gaze.facing_away_s[:] = 0.0
             self._mode = mode
         angle_rad = facing_angle_rad(world.simulation.state())
         self._gaze.update(angle_rad, world.scene_config.control_step_s)
-        if mode == "waiting" and self._gaze.completed_looks()[0]:
+        if mode == "waiting" and self._gaze.detect_gaze()[0]:
             yield "ready", "gaze"
-        if mode == "continuing" and self._gaze.completed_looks_away()[0]:
+        if mode == "continuing" and self._gaze.detect_gaze_away()[0]:
             yield "wait", "gaze"

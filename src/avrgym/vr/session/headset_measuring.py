@@ -14,11 +14,11 @@ from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRP
 
 PoseGetter = Callable[[Tracking], XRPose | None]
 
-ARM_AT_REST = "rests"
+RESTING_ARM_MODALITY = "rests"
 """The value of ``TrackedPart.with_`` for an arm that the participant's input profile does not use."""
-WINDOW_S = 0.5
-MIN_WINDOW_FRAMES = 5
-LATE_FRAME_PERIODS = 1.5
+JITTER_WINDOW_S = 0.5
+MIN_JITTER_FRAMES = 5
+DROPPED_FRAME_PERIODS = 1.5
 """An interval between frames above this number of display periods means that frames were dropped."""
 _HEAD: PoseGetter = lambda frame: frame.head  # noqa: E731
 _LEFT: PoseGetter = lambda frame: frame.left  # noqa: E731
@@ -54,7 +54,7 @@ class HeadsetMeasurement:
         """Add the intervals between rendered frames."""
         self._drawn.append(drawn)
 
-    def add_stop(
+    def add_test_stop(
         self, method: StopMethod | Literal["experimenter", "none"], after_s: float | None = None
     ) -> None:
         """Add the method of the test stop, and its delay after the request. ``none``: no stop within the time limit."""
@@ -79,7 +79,7 @@ class HeadsetMeasurement:
         display_hz = latest.display_hz if latest else None
 
         def hand(arm: Arm, modality: str, take: PoseGetter) -> TrackedPart:
-            return self._part(modality if arm in used_arms else ARM_AT_REST, take, hand=True)
+            return self._part(modality if arm in used_arms else RESTING_ARM_MODALITY, take, hand=True)
 
         return HeadsetCheck(
             device=latest.device if latest else "",
@@ -89,7 +89,7 @@ class HeadsetMeasurement:
             seconds=float(intervals_ms.sum()) / 1000.0,
             frames=len(intervals_ms),
             frame_rate_hz=1000.0 / float(intervals_ms.mean()) if len(intervals_ms) else 0.0,
-            dropped_share=dropped_share(intervals_ms, display_hz),
+            dropped_share=dropped_frame_share(intervals_ms, display_hz),
             latency_ms=percentiles_ms(self._latencies),
             head=self._part("headset" if newest and newest.head else "none", _HEAD),
             left=hand("left", newest.left_modality if newest else "none", _LEFT),
@@ -110,7 +110,7 @@ class HeadsetMeasurement:
         )
 
 
-def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
+def dropped_frame_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
     """Returns the share of display frames that were not rendered, from the intervals (N,) between rendered frames.
 
     If the headset does not report its refresh rate, the median interval is used as the display period.
@@ -119,7 +119,7 @@ def dropped_share(intervals_ms: FloatArray, display_hz: float | None) -> float:
         return 0.0
     period_ms = 1000.0 / display_hz if display_hz else float(np.median(intervals_ms))
     shown = np.where(
-        intervals_ms > LATE_FRAME_PERIODS * period_ms, np.rint(intervals_ms / period_ms), 1.0
+        intervals_ms > DROPPED_FRAME_PERIODS * period_ms, np.rint(intervals_ms / period_ms), 1.0
     ).sum()
     return float(1.0 - len(intervals_ms) / shown)
 
@@ -135,11 +135,11 @@ def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
         return None
     times_s = np.array([time_s for time_s, _ in seen])
     positions = np.array([position for _, position in seen])
-    windows = np.floor((times_s - times_s[0]) / WINDOW_S)
+    windows = np.floor((times_s - times_s[0]) / JITTER_WINDOW_S)
     strays = [
         _stray_m(times_s[windows == window], positions[windows == window])
         for window in np.unique(windows)
-        if (windows == window).sum() >= MIN_WINDOW_FRAMES
+        if (windows == window).sum() >= MIN_JITTER_FRAMES
     ]
     return 1000.0 * float(np.median(strays)) if strays else None
 

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-WARNING_S = 300.0
+WARNING_REMAINING_S = 300.0
 """If less than this time is left until the limit, the experimenter gets a warning. In seconds."""
 
 Minutes = Annotated[float, msgspec.Meta(ge=0, le=480)]
@@ -21,28 +21,28 @@ class SessionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     max_headset_minutes: Minutes = 0.0
 
 
-NO_RULES = SessionRules()
+NO_SESSION_RULES = SessionRules()
 
 
 class HeadsetTime:
     """Counts the time in VR of one session.
 
-    ``total_s``: time in VR. ``break_is_due``: a break follows before the next trial. ``questions_due``: the questions
-    after the break were not answered yet.
+    ``total_s``: time in VR. ``break_is_due``: a break follows before the next trial. ``break_questions_due``: the
+    questions after the break were not answered yet.
     """
 
-    def __init__(self, rules: SessionRules = NO_RULES, earlier_s: float = 0.0) -> None:
+    def __init__(self, rules: SessionRules = NO_SESSION_RULES, earlier_s: float = 0.0) -> None:
         """``earlier_s``: time in VR of interrupted sessions that this session continues."""
         self.rules = rules
         self.total_s = earlier_s
-        self.questions_due = False
+        self.break_questions_due = False
         self._requested = False
         self._since_break_s = earlier_s
         self._stored_s = earlier_s
         self._warned = False
 
     @property
-    def is_over(self) -> bool:
+    def is_limit_reached(self) -> bool:
         """Whether the limit is reached."""
         limit_s = self.limit_s
         return limit_s is not None and self.total_s >= limit_s
@@ -58,7 +58,7 @@ class HeadsetTime:
         every_s = 60.0 * self.rules.break_every_minutes
         return self._requested or (every_s > 0.0 and self._since_break_s >= every_s)
 
-    def add(self, seconds: float) -> None:
+    def add_time(self, seconds: float) -> None:
         """Add time in VR."""
         self.total_s += seconds
         self._since_break_s += seconds
@@ -69,17 +69,17 @@ class HeadsetTime:
 
     def begin_break(self) -> None:
         """Begin a break. Questions follow it."""
-        self._requested, self.questions_due = False, True
+        self._requested, self.break_questions_due = False, True
         self._since_break_s = 0.0
 
     def end_break(self) -> None:
         """End a break. The time until the next break then starts at 0."""
         self._since_break_s = 0.0
 
-    def take_warning(self) -> str:
+    def pop_warning(self) -> str:
         """Returns a warning once, when the limit is close; otherwise an empty text."""
         limit_s = self.limit_s
-        if self._warned or limit_s is None or self.total_s < limit_s - WARNING_S:
+        if self._warned or limit_s is None or self.total_s < limit_s - WARNING_REMAINING_S:
             return ""
         self._warned = True
         return (
@@ -87,7 +87,7 @@ class HeadsetTime:
             "after that, no further trial begins"
         )
 
-    def take_unstored_s(self) -> float:
+    def pop_unstored_s(self) -> float:
         """Returns the time in VR since the last call, in seconds."""
         unstored_s, self._stored_s = self.total_s - self._stored_s, self.total_s
         return unstored_s

@@ -3,25 +3,25 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from avrgym.models.body_names import BODY_PART_LABELS, BodyPart
-from avrgym.texts.interface_texts import Text
+from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TrackedBodyPart
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_LIMIT_S = 1.0
 """A part of the body is untracked after this time without a measured pose."""
-VISIBILITY_REASONS: dict[Visibility, str] = {
+INVISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
     "context-lost": "the graphics of the participant's device failed",
 }
-UNTRACKED_TEXTS: Mapping[BodyPart, str] = {
+UNTRACKED_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
     "head": "untracked",
     "left": "left_untracked",
     "right": "right_untracked",
 }
 """Keys of the texts about an untracked part of the body, before a trial."""
-TIMED_OUT_TEXTS: Mapping[BodyPart, str] = {
+TIMED_OUT_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
     "head": "tracking_timed_out",
     "left": "left_timed_out",
     "right": "right_timed_out",
@@ -34,30 +34,30 @@ class Interruption:
     """An interruption: ``name`` and ``why`` are recorded, ``event`` is stored, and ``message`` is for the
     participant."""
 
-    name: str
-    why: str
+    event_name: str
+    reason: str
     event: events.SessionEvent
-    message: Text
+    participant_text: ParticipantText
 
 
-def tracking_interruption(now_s: float, part: BodyPart) -> Interruption:
+def tracking_interruption(now_s: float, part: TrackedBodyPart) -> Interruption:
     """Returns the interruption by a part of the body that was not measured for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
-    message = Text(TIMED_OUT_TEXTS[part], {"seconds": seconds})
-    why = f"tracking was lost for {seconds} s: {BODY_PART_LABELS[part]}"
+    message = ParticipantText(TIMED_OUT_TEXT_KEYS[part], {"seconds": seconds})
+    why = f"tracking was lost for {seconds} s: {TRACKED_BODY_PART_LABELS[part]}"
     return Interruption("tracking_timed_out", why, events.TrackingTimedOut(now_s, part), message)
 
 
 def visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
     """Returns the interruption of a participant who no longer sees the scene."""
-    why = f"the participant does not see the scene: {VISIBILITY_REASONS[visibility]}"
+    why = f"the participant does not see the scene: {INVISIBILITY_REASONS[visibility]}"
     return Interruption(
-        "visibility_lost", why, events.VisibilityLost(now_s, visibility), Text("visibility_lost")
+        "visibility_lost", why, events.VisibilityLost(now_s, visibility), ParticipantText("visibility_lost")
     )
 
 
-def time_interruption(now_s: float, seconds: float) -> Interruption:
+def suspension_interruption(now_s: float, seconds: float) -> Interruption:
     """Returns the interruption by a suspended process or computer. ``seconds``: duration of the suspension."""
     why = f"the computer was suspended for {seconds:.1f} s"
-    message = Text("time_lost", {"seconds": f"{seconds:.1f}"})
+    message = ParticipantText("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

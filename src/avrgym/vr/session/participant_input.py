@@ -4,31 +4,31 @@ from typing import Any
 
 import msgspec
 
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.messages import SendMessage
 
 
 class ParticipantInput:
     """The input profile of a participant. It may change during a session."""
 
-    def __init__(self, profile: InputProfile = CONTROLLERS) -> None:
+    def __init__(self, profile: InputProfile = DEFAULT_INPUT_PROFILE) -> None:
         self.profile = profile
         self._targets = messages.Targets(0, [])
 
-    def welcome(self, send: Send, role: messages.Role) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role) -> None:
         """Send the profile to a new client, and the targets to an experimenter."""
-        send(self.message())
+        send(self.profile_message())
         if role == "experimenter" and self.profile.method == "experimenter":
             send(self._targets)
 
-    def message(self) -> messages.Input:
+    def profile_message(self) -> messages.Input:
         """Returns the message that contains the profile and the participant's ways to stop."""
         values: dict[str, Any] = msgspec.structs.asdict(self.profile)
-        values["stops"] = self.profile.stop_ways
+        values["stops"] = self.profile.stop_inputs
         return messages.Input(**values)
 
-    def forward(self, message: messages.Offered | messages.Press, send: Send) -> None:
+    def forward_selection(self, message: messages.Offered | messages.Press, send: SendMessage) -> None:
         """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.
 
         With other methods than ``experimenter``, only the participant selects. The experimenter then gets an error.

@@ -4,19 +4,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from avrgym.commands.preferences import AppliedRules
+from avrgym.commands.preferences import TrialRules
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
-from avrgym.policies.registry import AnyPolicy, find_for_session, preferred_policy
+from avrgym.policies.registry import AnyPolicy, default_policy, resolve_session_policy
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS, Item
 from avrgym.questionnaires.stop_rules import StopRules
 from avrgym.recording.configuration import RecordedConsent
-from avrgym.recording.input_profile import CONTROLLERS, InputProfile
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import find_environment, task_goal
-from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.texts.interface_texts import ENGLISH, Texts
-from avrgym.vr.session.headset_time import NO_RULES, SessionRules
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
+from avrgym.texts.interface_texts import ENGLISH_TEXTS, InterfaceTexts
+from avrgym.vr.session.headset_time import NO_SESSION_RULES, SessionRules
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class TrialPlan:
     goal: str = ""
     items: Sequence[Item] | None = None
     earlier_attempts: int = 0
-    rules: AppliedRules | None = None
+    rules: TrialRules | None = None
     own_preferences: bool = False
     settings: Settings | None = None
 
@@ -49,10 +49,10 @@ class OpenQuestionnaire:
     answers, by the item's identifier.
     """
 
-    trial: int
-    attempt: int
+    trial_number: int
+    attempt_number: int
     recording: Path
-    given: Mapping[str, int]
+    existing_answers: Mapping[str, int]
 
 
 @dataclass(frozen=True)
@@ -62,9 +62,9 @@ class HeadsetCheckPlan:
     ``test_stop_limit_s`` is the time limit for the test stop.
     """
 
-    at_rest_s: float = 10.0
-    stretched_s: float = 10.0
-    moving_s: float = 40.0
+    rest_duration_s: float = 10.0
+    stretch_duration_s: float = 10.0
+    motion_duration_s: float = 40.0
     test_stop_limit_s: float = 60.0
 
 
@@ -101,17 +101,17 @@ class SessionPlan:
     force_guard: bool = True
     withdraw_after_success: bool = True
     stop_rules: StopRules = field(default_factory=StopRules)
-    texts: Texts = ENGLISH
+    texts: InterfaceTexts = ENGLISH_TEXTS
     headset_check: HeadsetCheckPlan | None = None
     measure_reach: bool = False
     open_questionnaire: OpenQuestionnaire | None = None
     consent: RecordedConsent | None = None
     proxy_consent: RecordedConsent | None = None
     respondent: str = "participant"
-    input_profile: InputProfile = CONTROLLERS
-    settings: Settings = DEFAULTS
+    input_profile: InputProfile = DEFAULT_INPUT_PROFILE
+    settings: Settings = DEFAULT_SETTINGS
     allow_other_settings: bool = False
-    session_rules: SessionRules = NO_RULES
+    session_rules: SessionRules = NO_SESSION_RULES
     break_items: Sequence[Item] = ()
 
     def __post_init__(self) -> None:
@@ -119,7 +119,7 @@ class SessionPlan:
         if not 1 <= self.first_trial <= last:
             raise ValueError(f"first_trial is {self.first_trial}; allowed: 1 to {len(self.trials)}")
 
-    def goal_of(self, trial: TrialPlan) -> str:
+    def goal_text(self, trial: TrialPlan) -> str:
         """Returns the description of the task for the participant."""
         task, _ = find_environment(trial.environment)
         return trial.goal or self.texts.translate(task_goal(task, self.settings_of(trial)))
@@ -135,14 +135,14 @@ class SessionPlan:
         return self.items if trial.items is None else trial.items
 
 
-def trials_with_practice(
+def plan_trials_with_practice(
     environments: Sequence[str], policy: str | None, trials: int, seed: int
 ) -> list[TrialPlan]:
     """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial.
     Without a policy, each environment has its preferred one."""
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
-        TrialPlan(environment, policy or preferred_policy(environment), seed + i, practice)
+        TrialPlan(environment, policy or default_policy(environment), seed + i, practice)
         for i, (environment, practice) in enumerate(order)
     ]
 
@@ -158,7 +158,7 @@ def load_policies(plan: SessionPlan) -> Policies:
         ValueError: for an unknown environment, or if a policy cannot be loaded.
     """
     return {
-        (environment, policy): find_for_session(
+        (environment, policy): resolve_session_policy(
             policy, environment, settings, allow_other_settings=plan.allow_other_settings
         )
         for environment, policy, settings in {

@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.preferences import AppliedRules, Preferences, find_contradiction
+from avrgym.commands.preferences import Preferences, TrialRules, find_contradiction
 from avrgym.questionnaires.questionnaire import Item
 
 
@@ -31,7 +31,7 @@ class PreferenceQuestion:
             return self.values.index(value) + 1
         return min(range(len(self.values)), key=lambda index: abs(self.values[index] - value)) + 1
 
-    def possible(self, rules: Sequence[AppliedRules]) -> "PreferenceQuestion":
+    def possible(self, rules: Sequence[TrialRules]) -> "PreferenceQuestion":
         """Returns the question with the answers that contradict no trial."""
         pairs = [
             (value, label)
@@ -72,7 +72,7 @@ QUESTIONS = (
 """The questions in order. The German sentences are in ``texts/de.toml``."""
 
 
-def possible_questions(rules: Sequence[AppliedRules]) -> list[PreferenceQuestion]:
+def possible_questions(rules: Sequence[TrialRules]) -> list[PreferenceQuestion]:
     """Returns the questions with more than one possible answer.
 
     Args:
@@ -82,6 +82,6 @@ def possible_questions(rules: Sequence[AppliedRules]) -> list[PreferenceQuestion
     return [question for question in questions if len(question.values) > 1]
 
 
-def with_preferences(rules: AppliedRules, changes: dict[str, Any]) -> AppliedRules:
+def with_preferences(rules: TrialRules, changes: dict[str, Any]) -> TrialRules:
     """Returns the rules of a trial with changed preferences."""
     return msgspec.structs.replace(rules, preferences=msgspec.structs.replace(rules.preferences, **changes))

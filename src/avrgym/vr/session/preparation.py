@@ -29,11 +29,11 @@ class BodyKey:
 
 
 @dataclass(frozen=True)
-class TrialKey:
+class WorldKey:
     """Identifies a world by the index of its trial and the person's body."""
 
-    trial: int
-    body: BodyKey
+    trial_index: int
+    body_key: BodyKey
 
 
 class ImmediateExecutor(Executor):
@@ -48,30 +48,30 @@ class ImmediateExecutor(Executor):
         return future
 
 
-class Preparation:
+class WorldPreparation:
     """Builds one world in advance. ``key`` identifies it; ``None`` if no world was requested."""
 
     def __init__(self, workers: Executor) -> None:
-        self.key: TrialKey | None = None
+        self.world_key: WorldKey | None = None
         self._workers = workers
         self._world: Future[LiveWorld] | None = None
 
-    def request(self, key: TrialKey, environment: str, person: Person, settings: Settings, seed: int) -> None:
+    def start(self, key: WorldKey, environment: str, person: Person, settings: Settings, seed: int) -> None:
         """Start to build a world that contains ``person`` in their current pose. Cancels an earlier request."""
         if self._world is not None:
             self._world.cancel()
-        self.key = key
+        self.world_key = key
         self._world = self._workers.submit(_build, environment, person, settings, seed)
 
     @property
-    def ready(self) -> bool:
+    def is_ready(self) -> bool:
         """Whether the requested world is built."""
         return self._world is not None and self._world.done()
 
-    def take(self) -> LiveWorld:
+    def pop_world(self) -> LiveWorld:
         """Returns the requested world. Raises the error that occurred while it was built, if any."""
         assert self._world is not None
-        world, self._world, self.key = self._world, None, None
+        world, self._world, self.world_key = self._world, None, None
         return world.result()
 
 

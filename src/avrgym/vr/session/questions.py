@@ -7,7 +7,7 @@ from avrgym.recording.schema import Answer
 from avrgym.vr.protocol import messages
 
 
-class Questions:
+class QuestionSequence:
     """Presents the items in order. The participant may go back to change answers."""
 
     def __init__(
@@ -23,21 +23,21 @@ class Questions:
         )
 
     @property
-    def done(self) -> bool:
+    def all_answered(self) -> bool:
         """Whether every item is answered."""
         return self._asked == len(self._items)
 
     @property
-    def unanswered(self) -> list[str]:
+    def unanswered_items(self) -> list[str]:
         """The identifiers of the items without an answer."""
         return [item.id for item in self._items if item.id not in self._given]
 
     @property
-    def earlier(self) -> int | None:
+    def previous_answer(self) -> int | None:
         """The earlier answer to the current item; ``None`` without one."""
         return self._given.get(self._items[self._asked].id)
 
-    def question(self) -> messages.Question:
+    def current_question(self) -> messages.Question:
         """Returns the current item as a message for the clients."""
         item = self._items[self._asked]
         return messages.Question(
@@ -49,10 +49,10 @@ class Questions:
             labels=list(item.labels),
             number=self._asked + 1,
             count=len(self._items),
-            previous_answer=self.earlier,
+            previous_answer=self.previous_answer,
         )
 
-    def take(self, answer: messages.Answer) -> Answer:
+    def store_answer(self, answer: messages.Answer) -> Answer:
         """Store the answer to the current item and move to the next item. Returns the answer for the recording.
 
         Raises:

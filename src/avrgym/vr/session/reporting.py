@@ -1,16 +1,16 @@
 """Messages that a session sends continuously: states of the world, touches, successes, and the session's status."""
 
-from avrgym.models.body_names import BODY_PARTS
-from avrgym.models.scene import SUBSTEPS
+from avrgym.models.body_names import TRACKED_BODY_PARTS
+from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.recording.input_profile import InputProfile
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.obstruction import ObstructionMonitor
 from avrgym.vr.live_world.scene_message import most_loaded_region
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import TICK_S, Send
+from avrgym.vr.protocol.messages import TICK_S, SendMessage
 from avrgym.vr.session.attempt import Attempt
 from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.tracking.tracking_state import TrackingState
@@ -20,10 +20,10 @@ STATUS_INTERVAL_TICKS = 20
 NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=0)
 
 
-class Reporter:
+class StateReporter:
     """Sends states and feedback of the current world. Call ``tick`` once per tick."""
 
-    def __init__(self, send: Send, state_interval_ticks: int = 1) -> None:
+    def __init__(self, send: SendMessage, state_interval_ticks: int = 1) -> None:
         """Create a reporter. If ``state_interval_ticks`` is above 1, states at the end of a control step are sent a
         tick later."""
         self._send, self._state_every_ticks = send, state_interval_ticks
@@ -37,31 +37,31 @@ class Reporter:
         """Whether the session sends its status in this tick."""
         return self._ticks % STATUS_INTERVAL_TICKS == 0
 
-    def tick(self, world: LiveWorld, tracking: TrackingState, step: ControlStep | None) -> None:
+    def tick(self, world: LiveWorld, tracking: TrackingState, step: FirstWorldStep | None) -> None:
         """Send the state after a tick. ``tracking`` is the tracking that moved the body."""
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmContactMonitor(world.simulation)
             self._obstruction = ObstructionMonitor(world.simulation, world.skeleton)
-        if self._ticks % SUBSTEPS == 0:
-            self._touched = self._touch.sides()
+        if self._ticks % DEFAULT_SUBSTEPS == 0:
+            self._touched = self._touch.touched_sides()
         self._send_feedback(step)
         if self._ticks >= self._state_due and (step is None or self._state_every_ticks == 1):
             self._state_due = self._ticks + self._state_every_ticks
             self._send(self._state(world, tracking))
 
     def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
-        deviating = {*tracking.deviating_parts, *self._obstruction.parts()}
+        deviating = {*tracking.deviating_parts, *self._obstruction.obstructed_parts()}
         return messages.State(
             sequence=self._ticks,
             simulation_time_s=self._ticks * TICK_S,
-            tracking_sequence=tracking.followed,
+            tracking_sequence=tracking.followed_sequence,
             joint_targets=world.joint_targets_rad.astype("<f4").tobytes(),
-            deviating_parts=[part for part in BODY_PARTS if part in deviating],
-            poses=world.body_poses(),
+            deviating_parts=[part for part in TRACKED_BODY_PARTS if part in deviating],
+            poses=world.encode_poses(),
         )
 
-    def _send_feedback(self, step: ControlStep | None) -> None:
+    def _send_feedback(self, step: FirstWorldStep | None) -> None:
         """Send feedback when touches begin or end, and for successes."""
         events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)
@@ -70,7 +70,7 @@ class Reporter:
             self._send(felt)
 
 
-def status(
+def make_status(
     phase: messages.Phase, attempt: Attempt | None, world: LiveWorld, tracking: TrackingState, now_s: float,
     *, steps: int, paused: bool, why: str, driver: Driver, latency: list[messages.StageLatency],
     streams: list[messages.StreamStatus], visibility: messages.Visibility, profile: InputProfile,
@@ -80,9 +80,9 @@ def status(
 
     ``steps``: number of control steps of a trial. ``paused``: no trial may start; ``why``: the stop rule's reason.
     """
-    left, right = tracking.modalities
+    left, right = tracking.hand_modalities
     region, share = most_loaded_region(world.simulation)
-    latest = attempt.latest.outcome if attempt is not None and attempt.latest is not None else None
+    latest = attempt.latest_step.outcome if attempt is not None and attempt.latest_step is not None else None
     return messages.Status(
         phase=phase.name,
         trial=phase.trial,
@@ -100,16 +100,16 @@ def status(
         force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
         force_region=region,
         force_share=share,
-        retracting=phase.name == "trial" and world.guard is not None and bool(world.guard.retracting[0]),
+        retracting=phase.name == "trial" and world.guard is not None and bool(world.guard.retracting_mask[0]),
         withdrawing=phase.name == "trial" and world.withdrawing,
-        tracking_age_s=tracking.age_s(now_s),
+        tracking_age_s=tracking.newest_frame_age_s(now_s),
         visibility=visibility,
         left_modality=left,
         right_modality=right,
-        needed_parts=[part for part in world.task.tracked if profile.needs(part)],
-        untracked_parts=[part for part in tracking.untracked if profile.needs(part)],
+        needed_parts=[part for part in world.task.tracked if profile.needs_tracking(part)],
+        untracked_parts=[part for part in tracking.untracked_parts if profile.needs_tracking(part)],
         operated=isinstance(driver, OperatorDriver),
-        idle=driver.idle or bool(tracking.lost),
+        idle=driver.idle or bool(tracking.lost_parts),
         latency=latency,
         streams=streams,
         headset_s=headset_time.total_s,

@@ -12,32 +12,32 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from avrgym.models import human
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording.input_profile import ARMS, InputProfile
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import PhaseName, Received, Send
+from avrgym.vr.protocol.messages import PhaseName, ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
 from avrgym.vr.session.attempt import Attempt, AttemptResults, versions
 from avrgym.vr.session.attempt_storage import AttemptStorage, QuestionnaireAttempt
 from avrgym.vr.session.dispatch import handle_message
-from avrgym.vr.session.events import EventSink, Observer
+from avrgym.vr.session.events import EventObserver, EventSink
 from avrgym.vr.session.headset_time import HeadsetTime
-from avrgym.vr.session.interruptions import time_interruption, tracking_interruption
+from avrgym.vr.session.interruptions import suspension_interruption, tracking_interruption
 from avrgym.vr.session.participant_input import ParticipantInput
-from avrgym.vr.session.phases import Phase, Questionnaire, Waiting
+from avrgym.vr.session.phases import Phase, TrialQuestionnaire, WaitingForParticipant
 from avrgym.vr.session.plan import OpenQuestionnaire, Policies, SessionPlan
 from avrgym.vr.session.preparation import ImmediateExecutor
-from avrgym.vr.session.questions import Questions
-from avrgym.vr.session.reporting import Reporter, status
+from avrgym.vr.session.questions import QuestionSequence
+from avrgym.vr.session.reporting import StateReporter, make_status
 from avrgym.vr.session.state import SessionState
-from avrgym.vr.session.streams import StreamRecording, Streams
-from avrgym.vr.session.trial_drivers import Drivers
+from avrgym.vr.session.streams import DeviceStreams, StreamRecording
+from avrgym.vr.session.trial_drivers import TrialDrivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 
 MAX_TICK_GAP_S = 0.5
@@ -52,15 +52,15 @@ class Session:
         plan: SessionPlan,
         policies: Policies,
         folder: Path,
-        send: Send,
+        send: SendMessage,
         identifier: str,
         *,
-        observe: events.Observer = lambda event: None,
+        observe: events.EventObserver = lambda event: None,
         is_stored: Callable[[], bool] = lambda: True,
         ended_elsewhere: Callable[[], bool] = lambda: False,
         workers: Executor | None = None,
         scenes: list[tuple[str, Person, Settings]] | None = None,
-        streams: Streams | None = None,
+        streams: DeviceStreams | None = None,
         state_interval_ticks: int = 1,
         participant_input: ParticipantInput | None = None,
         headset_time: HeadsetTime | None = None,
@@ -86,14 +86,14 @@ class Session:
             headset_time: counts the participant's time in VR; default: starts at 0, with the plan's rules.
         """
         left = plan.open_questionnaire
-        trial = (plan.first_trial if left is None else left.trial) - 1
+        trial = (plan.first_trial if left is None else left.trial_number) - 1
         person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
         worlds = TrialWorlds(
             plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
         )
         sink = EventSink(observe if streams is None else _both(streams.send_event, observe), is_stored)
         storage = AttemptStorage(folder, sink)
-        drivers = Drivers(policies, background=workers is not None)
+        drivers = TrialDrivers(policies, background=workers is not None)
         versions()  # this reads files the first time, which must not delay a tick
         participant_input = participant_input or ParticipantInput(plan.input_profile)
         self._state = SessionState(
@@ -102,12 +102,12 @@ class Session:
         )  # fmt: skip
         self._ended_elsewhere = ended_elsewhere
         self._streams = None if streams is None else StreamRecording(streams, self._state)
-        self._reporter = Reporter(send, state_interval_ticks)
+        self._reporter = StateReporter(send, state_interval_ticks)
         self._ticked_s: float | None = None
-        self._enter(Waiting(self._state) if left is None else self._reopened(left))
+        self._enter(WaitingForParticipant(self._state) if left is None else self._reopened(left))
 
     @property
-    def phase(self) -> PhaseName:
+    def phase_name(self) -> PhaseName:
         """The name of the phase."""
         return self._phase.name
 
@@ -122,9 +122,9 @@ class Session:
         return self._state.plan
 
     @property
-    def trial(self) -> int:
+    def trial_index(self) -> int:
         """The index of the running or next trial of the plan. After the last trial, this is the number of trials."""
-        return self._state.trial
+        return self._state.trial_index
 
     @property
     def person(self) -> Person:
@@ -134,22 +134,22 @@ class Session:
     @property
     def attempt(self) -> Attempt | None:
         """The running attempt; ``None`` between attempts."""
-        return self._state.storage.attempt
+        return self._state.attempt_storage.attempt
 
     @property
     def recordings(self) -> list[Path]:
         """The files of all attempts."""
-        return self._state.storage.recordings
+        return self._state.attempt_storage.recordings
 
     @property
     def attempt_results(self) -> AttemptResults:
         """The results of the latest attempt until now."""
-        return self._state.storage.attempt_results
+        return self._state.attempt_storage.attempt_results
 
     @property
     def scenes(self) -> list[tuple[str, Person, Settings]]:
         """Environment, person and settings of each scene that clients may load. The index is in the scene's address."""
-        return self._state.worlds.scenes
+        return self._state.trial_worlds.scenes
 
     @property
     def registration(self) -> Registration | None:
@@ -166,26 +166,26 @@ class Session:
         """The names of the bodies, in the order of the poses in every state."""
         return self.world.bodies
 
-    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
         """Send the state of the session to a client that has just connected."""
         state = self._state
         if role == "participant":
-            state.worlds.client_connected()
+            state.trial_worlds.reset_shown_scene()
             state.visibility = "visible"
-            state.sink.report(events.ConnectionFound(now_s))
+            state.event_sink.report(events.ConnectionFound(now_s))
         plan = state.plan
         how = {"haptics": plan.haptics, "sounds": plan.sounds}
-        send(messages.Welcome(messages.PROTOCOL, state.identifier, role, **how))
+        send(messages.Welcome(messages.PROTOCOL_VERSION, state.identifier, role, **how))
         send(state.language_message())
         send(state.body_message())
-        state.input.welcome(send, role)
+        state.participant_input.send_initial_state(send, role)
         send(state.scene_message())
         state.send_world_motion(send)
-        if state.offered.commands:
-            send(state.offered)
+        if state.offered_commands.commands:
+            send(state.offered_commands)
         self._announce(send)
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message from the participant's or the experimenter's client."""
         self._state.now_s = now_s
         self._go_to(handle_message(self._phase, message))
@@ -197,7 +197,7 @@ class Session:
 
     def tick(self, now_s: float) -> None:
         """Advance the world by 10 ms of simulated time and the session to ``now_s``."""
-        state, storage = self._state, self._state.storage
+        state, storage = self._state, self._state.attempt_storage
         before_s, self._ticked_s = self._ticked_s, now_s
         state.now_s = now_s
         state.count_headset_time(0.0 if before_s is None else now_s - before_s)
@@ -207,7 +207,7 @@ class Session:
             self._check_continuity(0.0 if before_s is None else now_s - before_s)
         self._follow()
         driver = self._phase.driver
-        step = self.world.tick(driver, hold=bool(state.tracking.lost))
+        step = self.world.tick(driver, hold=bool(state.tracking.lost_parts))
         if storage.attempt is not None:
             storage.attempt.record_physics(self.world, now_s)
         if driver is not None:
@@ -215,15 +215,15 @@ class Session:
             state.record_guard_interventions()
             state.record_withdrawal()
         if step is not None:
-            self._go_to(self._phase.finish_step(step))
+            self._go_to(self._phase.on_control_step(step))
         state.send_offered_commands(possible=self._phase.name == "trial")
         self._check_storage()
-        while self._go_to(self._phase.wait()):
+        while self._go_to(self._phase.poll()):
             pass
         self._report(step)
         if self._streams is not None:
             self._streams.tick()
-        if self._ends_at is not None and now_s >= self._ends_at and state.sink.has_stored_all():
+        if self._ends_at is not None and now_s >= self._ends_at and state.event_sink.has_stored_all():
             self._go_to(self._phase.on_timeout())
         if storage.attempt is not None:
             storage.attempt.submit_records()
@@ -238,7 +238,7 @@ class Session:
         self._state.now_s = now_s
         if self._phase.robot_finished:
             self._state.complete_attempt()
-        self._state.abandon("interrupted")
+        self._state.abandon_attempt("interrupted")
         self._state.drivers.close()
 
     def prevent_trials(self, decision: StopDecision) -> None:
@@ -247,15 +247,24 @@ class Session:
 
     def _is_over(self) -> bool:
         """Returns whether a stop rule ends the session, and the last trial is stored."""
-        storage = self._state.storage
-        idle = storage.attempt is None and storage.completing is None and not self._phase.robot_finished
-        return self._state.ending and idle
+        storage = self._state.attempt_storage
+        idle = (
+            storage.attempt is None
+            and storage.completing_trial_index is None
+            and not self._phase.robot_finished
+        )
+        return self._state.ends_by_rule and idle
 
-    def _reopened(self, left: OpenQuestionnaire) -> Questionnaire:
+    def _reopened(self, left: OpenQuestionnaire) -> TrialQuestionnaire:
         """Returns the phase that presents the open questionnaire of an earlier session."""
         state = self._state
-        state.storage.questionnaire_attempt = QuestionnaireAttempt(left.trial, left.attempt, left.recording)
-        return Questionnaire(state, Questions(state.plan.questionnaire_after(state.current), left.given))
+        state.attempt_storage.questionnaire_attempt = QuestionnaireAttempt(
+            left.trial_number, left.attempt_number, left.recording
+        )
+        return TrialQuestionnaire(
+            state,
+            QuestionSequence(state.plan.questionnaire_after(state.current_trial), left.existing_answers),
+        )
 
     def _go_to(self, phase: Phase) -> bool:
         """Enter a phase, unless it is the current one. Returns whether the phase has changed."""
@@ -266,94 +275,96 @@ class Session:
 
     def _enter(self, phase: Phase) -> None:
         state, trials = self._state, len(self._state.plan.trials)
-        trial, texts = min(state.trial + 1, trials), state.plan.texts
+        trial, texts = min(state.trial_index + 1, trials), state.plan.texts
         self._phase = phase
-        self._ends_at = None if phase.seconds is None else state.now_s + phase.seconds
+        self._ends_at = None if phase.time_limit_s is None else state.now_s + phase.time_limit_s
         self._message = messages.Phase(
             phase.name,
             texts.render(phase.message),
             trial,
             trials,
-            state.current.practice,
-            phase.seconds,
+            state.current_trial.practice,
+            phase.time_limit_s,
             texts.render_for_page(phase.message),
             texts.render_by_input(phase.message),
             phase.message.key,
             phase.can_prefer,
         )
         state.record_event("phase", phase.name)
-        state.sink.report(events.PhaseEntered(state.now_s, phase.name, trial))
+        state.event_sink.report(events.PhaseEntered(state.now_s, phase.name, trial))
         self._announce(state.send)
         phase.on_enter()
 
-    def _announce(self, send: Send) -> None:
+    def _announce(self, send: SendMessage) -> None:
         send(self._message)
         if self._phase.question is not None:
             send(self._phase.question)
 
     def _follow(self) -> None:
         """Move the simulated person to the pose in the newest tracking frame. A stale frame does not move them."""
-        state, attempt = self._state, self._state.storage.attempt
-        profile = state.input.profile
-        followed = state.tracking.follow(state.needed_parts, state.now_s, profile)
-        if followed.pose is not None:
-            self.world.follow(followed.pose, [arm for arm in ARMS if arm not in profile.used_arms])
-        if self._phase.in_place:
-            state.follow_seat()
-        for part in filter(profile.needs, BODY_PARTS):
-            if (part in followed.lost) != (part in followed.lost_before):
-                self._report_tracking(part, lost=part in followed.lost)
+        state, attempt = self._state, self._state.attempt_storage.attempt
+        profile = state.participant_input.profile
+        followed = state.tracking.update(state.needed_parts, state.now_s, profile)
+        if followed.target_pose is not None:
+            self.world.follow_pose(
+                followed.target_pose, [arm for arm in ARMS if arm not in profile.tracked_arms]
+            )
+        if self._phase.participant_located:
+            state.move_seat()
+        for part in filter(profile.needs_tracking, TRACKED_BODY_PARTS):
+            if (part in followed.lost_parts) != (part in followed.lost_parts_before):
+                self._report_tracking(part, lost=part in followed.lost_parts)
             if (part in followed.deviating_parts) != (part in followed.deviating_parts_before):
                 state.record_event("pose_held" if part in followed.deviating_parts else "pose_followed", part)
         if attempt is None:
             return
         attempt.record_frames(followed)
-        attempt.record_targets(self.world.joint_targets_rad, state.now_s)
+        attempt.record_joint_targets(self.world.joint_targets_rad, state.now_s)
 
-    def _report_tracking(self, part: BodyPart, *, lost: bool) -> None:
+    def _report_tracking(self, part: TrackedBodyPart, *, lost: bool) -> None:
         """Report that tracking of a required part is lost, or has returned."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)
         kind = events.TrackingLost if lost else events.TrackingFound
-        state.sink.report(kind(state.now_s, part))
+        state.event_sink.report(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
         """Interrupt an attempt if the participant was untracked or the process was suspended."""
         if since_last_tick_s > MAX_TICK_GAP_S:
-            self._go_to(self._phase.interrupt(time_interruption(self._state.now_s, since_last_tick_s)))
-        elif self._phase.can_be_stopped and self._state.untracked is not None:
+            self._go_to(self._phase.interrupt(suspension_interruption(self._state.now_s, since_last_tick_s)))
+        elif self._phase.can_be_stopped and self._state.untracked_part is not None:
             self._go_to(
-                self._phase.interrupt(tracking_interruption(self._state.now_s, self._state.untracked))
+                self._phase.interrupt(tracking_interruption(self._state.now_s, self._state.untracked_part))
             )
 
     def _check_storage(self) -> None:
         """Report a slow disk. If a trial cannot be recorded or stored, stop the robot and end the attempt."""
-        state, storage = self._state, self._state.storage
-        stored, failure = state.sink.has_stored_all(), storage.take_failure()
+        state, storage = self._state, self._state.attempt_storage
+        stored, failure = state.event_sink.has_stored_all(), storage.pop_failure()
         if failure is not None:
-            self._go_to(self._phase.fail(failure))
-        elif stored and storage.completing is not None:
-            state.trial = max(state.trial, storage.completing + 1)
-            storage.completing = None
-            self._go_to(self._phase.trial_stored())
+            self._go_to(self._phase.on_storage_failure(failure))
+        elif stored and storage.completing_trial_index is not None:
+            state.trial_index = max(state.trial_index, storage.completing_trial_index + 1)
+            storage.completing_trial_index = None
+            self._go_to(self._phase.on_trial_stored())
         if storage.attempt is None:
             return
-        stall, failure = storage.attempt.take_slow_disk_error(), storage.attempt.failure
+        stall, failure = storage.attempt.pop_slow_disk_error(), storage.attempt.recording_error
         if stall is not None:
             state.record_event("recording_stalled", str(stall))
-            state.report(f"the recording is slow: {stall}")
+            state.report_problem(f"the recording is slow: {stall}")
         if failure is not None:
-            self._go_to(self._phase.fail(failure))
+            self._go_to(self._phase.on_storage_failure(failure))
 
-    def _report(self, step: ControlStep | None) -> None:
+    def _report(self, step: FirstWorldStep | None) -> None:
         state = self._state
         self._reporter.tick(self.world, state.tracking, step)
         if self._reporter.status_is_due:
             standing = self._message, self.attempt, self.world, state.tracking, state.now_s
-            steps, paused, why = state.plan.trial_steps, state.on_hold, state.pause_reason
-            driver, latency = state.driver, state.latency
-            streams = [] if self._streams is None else self._streams.status
-            how = status(
+            steps, paused, why = state.plan.trial_steps, state.is_paused, state.pause_reason
+            driver, latency = state.driver, state.stage_latencies
+            streams = [] if self._streams is None else self._streams.stream_status
+            how = make_status(
                 *standing,
                 steps=steps,
                 paused=paused,
@@ -362,13 +373,13 @@ class Session:
                 latency=latency,
                 streams=streams,
                 visibility=state.visibility,
-                profile=state.input.profile,
+                profile=state.participant_input.profile,
                 headset_time=state.headset_time,
             )
             state.send(how)
 
 
-def _both(first: Observer, second: Observer) -> Observer:
+def _both(first: EventObserver, second: EventObserver) -> EventObserver:
     def observe(event: events.SessionEvent) -> None:
         first(event)
         second(event)

@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from avrgym.commands.vocabulary import COMMANDS, CommandName, Source
+from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource
 from avrgym.models import human
-from avrgym.models.body_names import BodyPart
+from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
@@ -19,15 +19,15 @@ from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
-from avrgym.texts.interface_texts import Text
-from avrgym.vr.latency import is_complete, percentiles_ms
+from avrgym.texts.interface_texts import ParticipantText
+from avrgym.vr.latency import has_all_stages, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Send
+from avrgym.vr.protocol.messages import SendMessage
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session import events
-from avrgym.vr.session.attempt import configuration
+from avrgym.vr.session.attempt import attempt_configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
 from avrgym.vr.session.head_commands import HeadCommands
@@ -36,14 +36,14 @@ from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.participant_input import ParticipantInput
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
 from avrgym.vr.session.preference_questions import PreferenceQuestion, possible_questions, with_preferences
-from avrgym.vr.session.trial_drivers import Drivers
+from avrgym.vr.session.trial_drivers import TrialDrivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-NOT_IN_VR = Text("waiting")
+NOT_IN_VR_TEXT = ParticipantText("waiting")
 """The value of ``away`` before the participant has entered VR."""
-NO_COMMANDS = messages.RobotCommands([], [], "", 1.0, 0.0)
-LATENCY_SECONDS = 5
+NO_ROBOT_COMMANDS = messages.RobotCommands([], [], "", 1.0, 0.0)
+LATENCY_WINDOW_S = 5
 """Number of seconds in the latency statistics of the experimenter's page."""
 
 
@@ -54,95 +54,99 @@ class SessionState:
     ``drivers`` control the robots. ``sink`` reports the events. ``storage`` records the attempts. ``worlds`` contains
     the simulated worlds. ``trial`` is the index of the plan's trial, from 0. ``person`` is the participant's virtual
     body. ``input``: the participant's input profile. ``headset_time``: the time in VR. ``tracking``: the tracking since
-    the participant entered VR. ``height_known``: the body has the participant's torso height. ``calibrated_for``: the
-    posture during calibration.
+    the participant entered VR. ``torso_height_known``: the body has the participant's torso height.
+    ``calibrated_posture``: the posture during calibration.
 
-    ``on_hold``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
-    ``pause_reason``: the reason, if it was a stop rule. ``ending``: a stop rule ends the session. ``ready_for``: the
-    index of the trial for which the participant last confirmed to be ready. ``away``: the text that explains why the
-    participant is not in VR; ``None`` in VR. ``visibility``: whether the participant sees the scene. ``headset``:
-    result of the latest headset check. ``headset_checked``: the check passed, or was skipped. ``now_s``: time since the
-    session's start.
+    ``is_paused``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
+    ``pause_reason``: the reason, if it was a stop rule. ``ending``: a stop rule ends the session.
+    ``ready_trial_index``: the index of the trial for which the participant last confirmed to be ready. ``away``: the
+    text that explains why the participant is not in VR; ``None`` in VR. ``visibility``: whether the participant sees
+    the scene. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or was skipped.
+    ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan
-    drivers: Drivers
+    drivers: TrialDrivers
     identifier: str
-    send: Send
-    sink: EventSink
-    storage: AttemptStorage
-    worlds: TrialWorlds
-    trial: int
+    send: SendMessage
+    event_sink: EventSink
+    attempt_storage: AttemptStorage
+    trial_worlds: TrialWorlds
+    trial_index: int
     person: Person
-    input: ParticipantInput = field(default_factory=ParticipantInput)
+    participant_input: ParticipantInput = field(default_factory=ParticipantInput)
     headset_time: HeadsetTime = field(default_factory=HeadsetTime)
     tracking: TrackingState = field(default_factory=TrackingState)
-    height_known: bool = False
-    calibrated_for: human.Posture | None = None
-    on_hold: bool = False
+    torso_height_known: bool = False
+    calibrated_posture: human.Posture | None = None
+    is_paused: bool = False
     pause_reason: str = ""
-    ending: bool = False
-    ready_for: int = -1
-    away: Text | None = NOT_IN_VR
+    ends_by_rule: bool = False
+    ready_trial_index: int = -1
+    absence_text: ParticipantText | None = NOT_IN_VR_TEXT
     visibility: messages.Visibility = "visible"
-    headset: HeadsetCheck | None = None
+    headset_check_result: HeadsetCheck | None = None
     headset_checked: bool = False
     now_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._sent_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
-        self.offered = NO_COMMANDS
+        self.offered_commands = NO_ROBOT_COMMANDS
         self.head_commands: HeadCommands | None = None
-        self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_SECONDS)
-        self.latency: list[messages.StageLatency] = []
+        self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_WINDOW_S)
+        self.stage_latencies: list[messages.StageLatency] = []
 
     @property
-    def current(self) -> TrialPlan:
+    def current_trial(self) -> TrialPlan:
         """The running or next trial; the last trial when all are over."""
-        return self.plan.trials[min(self.trial, len(self.plan.trials) - 1)]
+        return self.plan.trials[min(self.trial_index, len(self.plan.trials) - 1)]
 
     @property
     def driver(self) -> Driver:
         """The driver of the current trial."""
-        return self.drivers.driver_for(self.current)
+        return self.drivers.driver_for(self.current_trial)
 
     @property
     def world(self) -> LiveWorld:
         """The current world."""
-        return self.worlds.world
+        return self.trial_worlds.world
 
     @property
-    def needed_parts(self) -> tuple[BodyPart, ...]:
+    def needed_parts(self) -> tuple[TrackedBodyPart, ...]:
         """The parts of the body that the task needs, without the participant's resting arms."""
-        return tuple(part for part in self.world.task.tracked if self.input.profile.needs(part))
+        return tuple(
+            part for part in self.world.task.tracked if self.participant_input.profile.needs_tracking(part)
+        )
 
     @property
-    def untracked(self) -> BodyPart | None:
+    def untracked_part(self) -> TrackedBodyPart | None:
         """The first needed part of the body that was untracked for ``UNTRACKED_LIMIT_S``."""
         needed = self.needed_parts
-        return next((p for p in needed if self.tracking.part_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None)
+        return next(
+            (p for p in needed if self.tracking.part_pose_age_s(p, self.now_s) > UNTRACKED_LIMIT_S), None
+        )
 
     @property
-    def following(self) -> int:
+    def next_trial_index(self) -> int:
         """The index of the next trial. After an open questionnaire of an earlier session, it is the first trial."""
-        return max(self.trial + 1, self.plan.first_trial - 1)
+        return max(self.trial_index + 1, self.plan.first_trial - 1)
 
     # Messages to the clients ---------------------------------------------------------------------------------------
 
-    def explain(self, text: Text) -> None:
+    def explain_rejection(self, text: ParticipantText) -> None:
         """Show the participant, in their language, why a request is rejected. The experimenter sees it too."""
         texts = self.plan.texts
         by_input = texts.render_by_input(text)
         self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))
 
-    def report(self, problem: str) -> None:
+    def report_problem(self, problem: str) -> None:
         """Report a problem to the experimenter."""
         self.send(messages.Problem(problem, "experimenter"))
 
     def record_event(self, name: str, detail: str) -> None:
         """Record an event in a running attempt."""
-        self.storage.record_event(name, detail, self.now_s)
+        self.attempt_storage.record_event(name, detail, self.now_s)
 
     def language_message(self) -> messages.Language:
         """Returns the participant's language, with the texts of their page."""
@@ -152,7 +156,7 @@ class SessionState:
     def scene_message(self) -> messages.Scene:
         """Returns the scene to draw, with the pose of the participant's room if it is known."""
         registration = self.tracking.registration or Registration(np.zeros(3), 0.0)
-        return self.world.scene(self.worlds.number, registration)
+        return self.world.scene_message(self.trial_worlds.scene_number, registration)
 
     def body_message(self) -> messages.Body:
         """Returns the participant's body model, and the available skin tones."""
@@ -169,65 +173,65 @@ class SessionState:
 
     def locate_participant(self, tracking: messages.Tracking) -> None:
         """Add a tracking frame. The first usable frame determines the participant's position and direction."""
-        frame = self.tracking.take(tracking, self.now_s)
-        if frame.usable and self.tracking.registration is None:
+        frame = self.tracking.add_frame(tracking, self.now_s)
+        if frame.is_usable and self.tracking.registration is None:
             assert tracking.head is not None
-            self.tracking.place(tracking.head, self.person, self.world.scene_config.posture)
+            self.tracking.place_seat(tracking.head, self.person, self.world.scene_config.posture)
             self.send_changed_scene()
 
-    def send_world_motion(self, send: Send) -> None:
+    def send_world_motion(self, send: SendMessage) -> None:
         """Send the target pose of a moving world. The world moves after the participant has slid on the seat."""
-        placed = self.tracking.placed
+        placed = self.tracking.world_motion
         if placed is not None:
             send(placed)
 
-    def follow_seat(self) -> None:
+    def move_seat(self) -> None:
         """Move the seat after a participant has slid. Records the start of this motion and each new world pose."""
         before = self.tracking.registration
-        glide = self.tracking.follow_seat(self.world.joint_targets_rad)
+        glide = self.tracking.move_seat(self.world.joint_targets_rad)
         if glide is not None:
             way_m = float(np.linalg.norm(glide.shift_w))
             self.record_event("seat_followed", f"{way_m:.2f} m")
-            self.sink.report(events.SeatFollowed(self.now_s, way_m))
+            self.event_sink.report(events.SeatFollowed(self.now_s, way_m))
             self.send_world_motion(self.send)
         after = self.tracking.registration
         if after is not None and after is not before:
             place = after.xr_from_world()
             self._sent_scene = msgspec.structs.replace(self._sent_scene, xr_from_world=place)
-            if self.storage.attempt is not None:
+            if self.attempt_storage.attempt is not None:
                 pose = schema.Pose(list(place.position), list(place.orientation))
-                self.storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
+                self.attempt_storage.attempt.record("/placement", schema.Placement(pose), self.now_s)
 
     def apply_stop_rule(self, decision: StopDecision) -> None:
         """Prevent further trials, because an answer met a stop rule. The current questionnaire is completed first."""
         self.prevent_trials(decision)
-        self.record_event("stop_rule_met", decision.why)
-        self.sink.report(events.StopRuleMet(self.now_s, decision.then, decision.why))
-        self.report(f"the session {decision.then}s: {decision.why}")
+        self.record_event("stop_rule_met", decision.reason)
+        self.event_sink.report(events.StopRuleMet(self.now_s, decision.action, decision.reason))
+        self.report_problem(f"the session {decision.action}s: {decision.reason}")
 
     def prevent_trials(self, decision: StopDecision) -> None:
         """Prevent further trials, without a report."""
-        self.on_hold, self.pause_reason = True, decision.why
-        self.ending = self.ending or decision.then == "end"
+        self.is_paused, self.pause_reason = True, decision.reason
+        self.ends_by_rule = self.ends_by_rule or decision.action == "end"
 
     def count_headset_time(self, seconds: float) -> None:
         """Count time in VR, and report when little of it is left."""
-        if self.away is None:
-            self.headset_time.add(seconds)
-            warning = self.headset_time.take_warning()
+        if self.absence_text is None:
+            self.headset_time.add_time(seconds)
+            warning = self.headset_time.pop_warning()
             if warning:
-                self.report(warning)
+                self.report_problem(warning)
 
     def report_headset_time(self) -> None:
         """Report the time in VR that was not reported yet."""
-        seconds = self.headset_time.take_unstored_s()
+        seconds = self.headset_time.pop_unstored_s()
         if seconds > 0.0:
-            self.sink.report(events.HeadsetUsed(self.now_s, seconds))
+            self.event_sink.report(events.HeadsetUsed(self.now_s, seconds))
 
     def request_break(self, by: events.Initiator) -> None:
         """Request a break before the next trial."""
         self.headset_time.request_break()
-        self.sink.report(events.BreakRequested(self.now_s, by))
+        self.event_sink.report(events.BreakRequested(self.now_s, by))
 
     # The participant's body --------------------------------------------------------------------------------------
 
@@ -238,22 +242,22 @@ class SessionState:
             ValueError: for a height outside the range of adults. The message contains the range.
         """
         self.person = replace(self.person, torso_height_m=torso_height_m)
-        self.height_known = True
+        self.torso_height_known = True
         self.tracking.update_location(self.person)
 
     def set_arm_scale(self, arm_scale: float) -> None:
         """Change the length of the body's arms. Raises ``ValueError`` outside the range of adults."""
         self.person = replace(self.person, arm_scale=arm_scale)
-        self.sink.report(events.ReachMeasured(self.now_s, arm_scale))
+        self.event_sink.report(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
         """Set the torso height that the experimenter entered. Returns whether it is valid; reports an invalid one."""
         try:
             self.set_torso_height(torso_height_m)
         except ValueError as error:
-            self.report(str(error))
+            self.report_problem(str(error))
             return False
-        self.sink.report(events.TorsoHeightCorrected(self.now_s, torso_height_m))
+        self.event_sink.report(events.TorsoHeightCorrected(self.now_s, torso_height_m))
         return True
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
@@ -266,23 +270,23 @@ class SessionState:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
         except ValueError as error:
             if by == "participant":
-                self.explain(Text("no_such_body"))
-            self.report(str(error))
+                self.explain_rejection(ParticipantText("no_such_body"))
+            self.report_problem(str(error))
             return False
         if chosen.sex == self.person.sex:
             measured = self.person
             chosen = replace(chosen, torso_height_m=measured.torso_height_m, arm_scale=measured.arm_scale)
         else:
-            self.height_known = False
+            self.torso_height_known = False
         self.person = chosen
-        self.sink.report(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
+        self.event_sink.report(events.BodyChosen(self.now_s, chosen.sex, chosen.skin_tone))
         self.send(self.body_message())
         return True
 
     @property
     def preference_questions(self) -> list[PreferenceQuestion]:
         """The questions about preferences in the current trial; empty if the participant may not change them."""
-        if not self.current.own_preferences:
+        if not self.current_trial.own_preferences:
             return []
         own = [trial.rules for trial in self.plan.trials if trial.own_preferences and trial.rules is not None]
         return possible_questions(own)
@@ -296,52 +300,54 @@ class SessionState:
             for trial in self.plan.trials
         ]
         self.plan = replace(self.plan, trials=trials)
-        assert self.current.rules is not None
-        self.sink.report(events.PreferencesChanged(self.now_s, self.current.rules.preferences))
+        assert self.current_trial.rules is not None
+        self.event_sink.report(events.PreferencesChanged(self.now_s, self.current_trial.rules.preferences))
 
     def change_input(self, profile: InputProfile) -> None:
         """Change how the participant selects and stops, from now on."""
-        self.input.profile = profile
+        self.participant_input.profile = profile
         self.record_event("input_changed", profile.describe())
-        self.sink.report(events.InputChanged(self.now_s, profile))
-        self.send(self.input.message())
+        self.event_sink.report(events.InputChanged(self.now_s, profile))
+        self.send(self.participant_input.profile_message())
 
-    def take_visibility(self, visibility: messages.Visibility) -> bool:
+    def update_visibility(self, visibility: messages.Visibility) -> bool:
         """Store the visibility of the scene. Returns whether the participant has just stopped seeing it.
 
         The next trial then starts only after the participant has confirmed again to be ready.
         """
         before, self.visibility = self.visibility, visibility
         if visibility != "visible":
-            self.ready_for = -1
+            self.ready_trial_index = -1
             return visibility != before
         if before != "visible":
             self.record_event("visibility_found", "")
-            self.sink.report(events.VisibilityFound(self.now_s))
+            self.event_sink.report(events.VisibilityFound(self.now_s))
         return False
 
     def reset_location(self) -> None:
         """Delete the participant's position and direction. The next usable frame determines them."""
-        self.tracking, self.calibrated_for = TrackingState(), None
+        self.tracking, self.calibrated_posture = TrackingState(), None
 
     # Latency of the displayed frames -------------------------------------------------------------------------------
 
-    def take_latency(self, message: messages.Latency) -> schema.Latency | None:
+    def record_latency(self, message: messages.Latency) -> schema.Latency | None:
         """Record the client's latencies of the last second, and update the percentiles.
 
         Returns the latencies; ``None`` if they are incomplete.
         """
         latency = schema.Latency(*(getattr(message, name) for name in schema.Latency.__struct_fields__))
-        if not is_complete(latency):
-            self.report("the latency message is incomplete; it needs one entry per frame for each stage")
+        if not has_all_stages(latency):
+            self.report_problem(
+                "the latency message is incomplete; it needs one entry per frame for each stage"
+            )
             return None
         self._latencies.append(latency)
-        self.latency = [
+        self.stage_latencies = [
             messages.StageLatency(stage, **shares)
             for stage, shares in percentiles_ms(self._latencies).items()
         ]
-        if self.storage.attempt is not None:
-            self.storage.attempt.record("/latency", latency, self.now_s)
+        if self.attempt_storage.attempt is not None:
+            self.attempt_storage.attempt.record("/latency", latency, self.now_s)
         return latency
 
     # Attempts ----------------------------------------------------------------------------------------------------
@@ -349,26 +355,34 @@ class SessionState:
     def begin_attempt(self) -> None:
         """Start and record an attempt at the current trial. Raises ``OSError`` if it cannot be recorded."""
         assert self.tracking.registration is not None
-        plan, trial, world, identifier = self.plan, self.trial, self.world, self.identifier
+        plan, trial, world, identifier = self.plan, self.trial_index, self.world, self.identifier
         place = self.tracking.registration.xr_from_world()
-        plugins = self.drivers.plugins_of(self.current)
-        attempt = self.storage.begin(
+        plugins = self.drivers.plugins_of(self.current_trial)
+        attempt = self.attempt_storage.begin_attempt(
             trial + 1,
-            lambda number: configuration(
-                plan, trial, number, world, place, identifier, plugins, self.headset, self.input.profile
+            lambda number: attempt_configuration(
+                plan,
+                trial,
+                number,
+                world,
+                place,
+                identifier,
+                plugins,
+                self.headset_check_result,
+                self.participant_input.profile,
             ),
-            self.current.earlier_attempts + 1,
+            self.current_trial.earlier_attempts + 1,
             self.now_s,
-            self.input.profile,
+            self.participant_input.profile,
         )
-        self.tracking.take_arrived()
+        self.tracking.pop_arrived_frames()
         attempt.record_physics(world, self.now_s)
-        self.drivers.begin()
-        rules = self.current.rules
-        world.prepare(
+        self.drivers.clear_failures()
+        rules = self.current_trial.rules
+        world.prepare_driver(
             self.driver,
             force_guard=plan.force_guard,
-            withdraw_after_success=self.withdraws,
+            withdraw_after_success=self.withdrawal_enabled,
             rules=rules,
         )
         self.head_commands = None if rules is None else HeadCommands(rules)
@@ -378,77 +392,83 @@ class SessionState:
         """Record when a failure of the driver begins or ends. Reports each kind of failure once per attempt."""
         if isinstance(self.driver, OperatorDriver):
             self.driver.check_timeout(self.now_s)
-        failure = self.driver.failure
-        if failure == self.drivers.failure:
+        failure = self.driver.failure_message
+        if failure == self.drivers.latest_failure:
             return
-        self.drivers.failure = failure
+        self.drivers.latest_failure = failure
         self.record_event("controller_failed" if failure else "controller_drives", failure)
         kind = failure.partition(":")[0]
-        if kind and kind not in self.drivers.reported_kinds:
-            self.drivers.reported_kinds.add(kind)
-            self.sink.report(events.ControllerFailed(self.now_s, failure))
-            self.report(f"the robot holds its position, because its controller failed: {failure}")
+        if kind and kind not in self.drivers.reported_failure_kinds:
+            self.drivers.reported_failure_kinds.add(kind)
+            self.event_sink.report(events.ControllerFailed(self.now_s, failure))
+            self.report_problem(f"the robot holds its position, because its controller failed: {failure}")
 
     def record_guard_interventions(self) -> None:
         """Record each intervention of the force guard with its reason, and its end."""
         guard = self.world.guard
         if guard is None:
             return
-        interventions, acts = int(guard.interventions[0]), bool(guard.overriding[0])
+        interventions, acts = int(guard.num_interventions[0]), bool(guard.override_mask[0])
         if interventions > self._guard_interventions:
             self.record_event(INTERVENTION_EVENT, guard.describe_override(0))
         elif self._guard_acts and not acts:
             self.record_event(RELEASE_EVENT, "")
         self._guard_interventions, self._guard_acts = interventions, acts
 
-    def take_command(self, command: CommandName, source: Source) -> None:
+    def handle_command(self, command: CommandName, source: CommandSource) -> None:
         """Pass a command to the robot, and record it. A command that the trial does not allow is ignored."""
-        rules = self.current.rules
+        rules = self.current_trial.rules
         refusal = "this trial has no commands" if rules is None else rules.rejection_reason(command, source)
         if refusal:
             self.ignore_command(command, source, refusal)
             return
-        self.record_command(command, source, effective=self.world.take_command(command))
+        self.record_command(command, source, effective=self.world.apply_command(command))
 
-    def record_command(self, command: CommandName, source: Source, *, effective: bool) -> None:
+    def record_command(self, command: CommandName, source: CommandSource, *, effective: bool) -> None:
         """Record a command of the participant to the robot."""
         self._record_command(command, source, effective=effective)
-        self.sink.report(events.RobotCommanded(self.now_s, command, source))
+        self.event_sink.report(events.RobotCommanded(self.now_s, command, source))
 
-    def ignore_command(self, command: CommandName, source: Source, reason: str) -> None:
+    def ignore_command(self, command: CommandName, source: CommandSource, reason: str) -> None:
         """Record and report why a command is ignored."""
         self._record_command(command, source, refusal=reason)
         self.record_event("command_ignored", f"{command} from {source}: {reason}")
-        self.sink.report(events.CommandIgnored(self.now_s, command, source, reason))
-        self.report(f"the command {command} from {source} is ignored: {reason}")
+        self.event_sink.report(events.CommandIgnored(self.now_s, command, source, reason))
+        self.report_problem(f"the command {command} from {source} is ignored: {reason}")
 
     def _record_command(
-        self, command: CommandName, source: Source, *, effective: bool = False, refusal: str = ""
+        self, command: CommandName, source: CommandSource, *, effective: bool = False, refusal: str = ""
     ) -> None:
-        attempt = self.storage.attempt
+        attempt = self.attempt_storage.attempt
         if attempt is not None:
             record = schema.RobotCommand(command, source, attempt.steps, effective, refusal)
             attempt.record("/robot_commands", record, self.now_s)
 
     def send_offered_commands(self, *, possible: bool) -> None:
         """Send the possible commands and the pacing layer's state, if they have changed."""
-        offered = self._offered_commands() if possible else NO_COMMANDS
-        if offered != self.offered:
-            self.offered = offered
+        offered = self._offered_commands() if possible else NO_ROBOT_COMMANDS
+        if offered != self.offered_commands:
+            self.offered_commands = offered
             self.send(offered)
 
     def _offered_commands(self) -> messages.RobotCommands:
-        rules, pacing, language = self.current.rules, self.world.pacing, self.plan.texts.language
+        rules, pacing, language = self.current_trial.rules, self.world.pacing, self.plan.texts.language
         if rules is None or pacing is None or not rules.commands:
-            return NO_COMMANDS
-        labels = [messages.CommandLabel(name, COMMANDS[name].label(language)) for name in rules.commands]
+            return NO_ROBOT_COMMANDS
+        labels = [
+            messages.CommandLabel(name, ROBOT_COMMANDS[name].label(language)) for name in rules.commands
+        ]
         mode = pacing.mode_name(0) if rules.pacing else ""
         return messages.RobotCommands(
-            labels, list(rules.sources), mode, float(pacing.speed_factor[0]), float(pacing.distance_m[0])
+            labels,
+            list(rules.sources),
+            mode,
+            float(pacing.speed_factor[0]),
+            float(pacing.preferred_distance_m[0]),
         )
 
     @property
-    def withdraws(self) -> bool:
+    def withdrawal_enabled(self) -> bool:
         """Whether the robot withdraws after success. With an operator it never does."""
         return self.plan.withdraw_after_success and not isinstance(self.driver, OperatorDriver)
 
@@ -461,24 +481,24 @@ class SessionState:
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
         """End a running attempt. Returns the error that makes its recording incomplete, if any."""
-        if self.storage.attempt is None:
+        if self.attempt_storage.attempt is None:
             return None
-        failure = self.storage.end(result, self.tracking.take_arrived(), self.now_s)
+        failure = self.attempt_storage.end_attempt(result, self.tracking.pop_arrived_frames(), self.now_s)
         self.report_headset_time()
         return failure
 
     def complete_attempt(self) -> RecordingError | None:
         """Stop the robot after it has finished, and complete a running attempt. Returns as ``end_attempt``."""
-        self.world.hold()
+        self.world.stop_robot()
         return self.end_attempt("completed")
 
-    def abandon(self, result: AttemptEnd) -> None:
+    def abandon_attempt(self, result: AttemptEnd) -> None:
         """Stop the robot, and end a running attempt without completing its trial."""
-        self.world.hold()
-        if self.storage.attempt is None:
+        self.world.stop_robot()
+        if self.attempt_storage.attempt is None:
             return
         self.record_event("robot_holds", result)
-        self.storage.attempt.record_physics(self.world, self.now_s)
+        self.attempt_storage.attempt.record_physics(self.world, self.now_s)
         failure = self.end_attempt(result)
         if failure is not None:
-            self.report(f"the recording of this attempt is incomplete: {failure}")
+            self.report_problem(f"the recording of this attempt is incomplete: {failure}")

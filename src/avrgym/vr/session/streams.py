@@ -15,15 +15,15 @@ SEND_INTERVAL_TICKS = 2
 """Interval at which poses and forces are sent (50 Hz)."""
 
 
-class Streams(Protocol):
+class DeviceStreams(Protocol):
     """The streams of other devices. Methods never block. Times are on the session's clock."""
 
     @property
-    def present(self) -> Mapping[str, bool]:
+    def available(self) -> Mapping[str, bool]:
         """Whether each requested stream is available, by name."""
         ...
 
-    def take(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
+    def pop_samples(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
         """Returns the samples received since the last call, in chunks with the description of their stream."""
         ...
 
@@ -39,26 +39,26 @@ class Streams(Protocol):
 class StreamRecording:
     """Records samples of other devices during attempts, reports lost streams, and sends the world's state."""
 
-    def __init__(self, streams: Streams, state: SessionState) -> None:
+    def __init__(self, streams: DeviceStreams, state: SessionState) -> None:
         self._streams, self._state = streams, state
-        self._present = dict.fromkeys(streams.present, False)
+        self._present = dict.fromkeys(streams.available, False)
         self._described: dict[str, Stream] = {}
         self._attempt: object = None
         self._ticks = 0
 
     @property
-    def status(self) -> list[StreamStatus]:
+    def stream_status(self) -> list[StreamStatus]:
         """The requested streams, and whether each is available."""
         return [StreamStatus(name, present) for name, present in self._present.items()]
 
     def tick(self) -> None:
         """Record received samples, and send the world's state. Call it after each tick."""
         state, now_s = self._state, self._state.now_s
-        arrived = self._streams.take(now_s)
+        arrived = self._streams.pop_samples(now_s)
         self._ticks += 1
         if self._ticks % SEND_INTERVAL_TICKS == 0:
             self._streams.send_state(state.world, now_s)
-        if state.storage.attempt is not self._attempt:
+        if state.attempt_storage.attempt is not self._attempt:
             self._begin()
         self._notice_changes()
         for stream, samples in arrived:
@@ -66,7 +66,7 @@ class StreamRecording:
 
     def _begin(self) -> None:
         """Record the streams that are missing at the start of a new recording."""
-        self._attempt = self._state.storage.attempt
+        self._attempt = self._state.attempt_storage.attempt
         self._described.clear()
         for name, present in self._present.items():
             if not present:
@@ -74,21 +74,21 @@ class StreamRecording:
 
     def _notice_changes(self) -> None:
         state = self._state
-        for name, present in self._streams.present.items():
+        for name, present in self._streams.available.items():
             if present is self._present[name]:
                 continue
             self._present[name] = present
             state.record_event("stream_found" if present else "stream_lost", name)
-            state.sink.report((StreamFound if present else StreamLost)(state.now_s, name))
+            state.event_sink.report((StreamFound if present else StreamLost)(state.now_s, name))
             if not present:
-                state.report(f"the stream {name} is lost; the session continues without it")
+                state.report_problem(f"the stream {name} is lost; the session continues without it")
 
     def _record(self, stream: Stream, samples: StreamSamples) -> None:
-        attempt, now_s = self._state.storage.attempt, self._state.now_s
+        attempt, now_s = self._state.attempt_storage.attempt, self._state.now_s
         if attempt is None:
             return
         if self._described.get(stream.stream) != stream:
             self._described[stream.stream] = stream
             attempt.record("/streams", stream, now_s)
-        of_trial = [time_s - attempt.began_s for time_s in samples.time_s]
+        of_trial = [time_s - attempt.started_s for time_s in samples.time_s]
         attempt.record("/samples", msgspec.structs.replace(samples, time_s=of_trial), now_s)

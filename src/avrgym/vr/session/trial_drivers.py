@@ -6,17 +6,17 @@ from avrgym.vr.live_world.drivers import Driver, make_driver
 from avrgym.vr.session.plan import Policies, TrialPlan
 
 
-class Drivers:
+class TrialDrivers:
     """A driver for each policy of each environment.
 
-    ``failure``: the latest failure of the current driver, empty without one. ``reported_kinds``: kinds of failures that
-    were reported in this attempt.
+    ``failure``: the latest failure of the current driver, empty without one. ``reported_failure_kinds``: kinds of
+    failures that were reported in this attempt.
     """
 
     def __init__(self, policies: Policies, *, background: bool) -> None:
         """Create the drivers. External controllers run in the ``background``; otherwise the session waits for them."""
-        self.failure = ""
-        self.reported_kinds: set[str] = set()
+        self.latest_failure = ""
+        self.reported_failure_kinds: set[str] = set()
         self._drivers = {key: make_driver(policy, background=background) for key, policy in policies.items()}
         self._plugins = {key: plugins_used(key[0], policy) for key, policy in policies.items()}
 
@@ -28,9 +28,9 @@ class Drivers:
         """Returns the plug-ins of a trial, with their versions at the session's start."""
         return self._plugins[trial.environment, trial.policy]
 
-    def begin(self) -> None:
+    def clear_failures(self) -> None:
         """Clear the failures of an earlier attempt."""
-        self.failure, self.reported_kinds = "", set()
+        self.latest_failure, self.reported_failure_kinds = "", set()
 
     def close(self) -> None:
         """Stop all drivers."""

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 from avrgym.models.human import Person
 from avrgym.tasks.registry import task_and_scene
-from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.live_world.scene_message import scene_url
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.plan import SessionPlan
-from avrgym.vr.session.preparation import BodyKey, Preparation, TrialKey
+from avrgym.vr.session.preparation import BodyKey, WorldKey, WorldPreparation
 
 
 class TrialWorlds:
@@ -30,17 +30,17 @@ class TrialWorlds:
         """Build the world of the trial with this index. New scenes are added to ``scenes``."""
         self.scenes = scenes
         self._plan = plan
-        self._preparation = Preparation(workers)
-        self._fresh_for: TrialKey | None = None
+        self._preparation = WorldPreparation(workers)
+        self._fresh_for: WorldKey | None = None
         self._shown: int | None = None
         environment, settings = plan.trials[trial].environment, plan.settings_of(plan.trials[trial])
-        self.number = self._number(environment, settings, person)
+        self.scene_number = self._number(environment, settings, person)
         self.world = LiveWorld(environment, resting_person(environment, person, settings), settings)
 
     @property
-    def url(self) -> str:
+    def scene_url(self) -> str:
         """The address of the current world's scene."""
-        return scene_url(self.number)
+        return scene_url(self.scene_number)
 
     def is_unused(self, trial: int, person: Person) -> bool:
         """Returns whether the current world was built for this trial and body, and its robot has not moved."""
@@ -57,7 +57,7 @@ class TrialWorlds:
         pose of its task.
         """
         key = _key(trial, person)
-        if key in (self._fresh_for, self._preparation.key):
+        if key in (self._fresh_for, self._preparation.world_key):
             return
         plan, now = self._plan.trials[trial], self.world
         settings = self._plan.settings_of(plan)
@@ -65,38 +65,38 @@ class TrialWorlds:
             start_person = replace(person, joint_angles_rad=now.joint_targets_rad)
         else:
             start_person = resting_person(plan.environment, person, settings)
-        self._preparation.request(key, plan.environment, start_person, settings, plan.seed)
+        self._preparation.start(key, plan.environment, start_person, settings, plan.seed)
 
-    def upcoming(self, trial: int, person: Person) -> str | None:
+    def upcoming_scene_url(self, trial: int, person: Person) -> str | None:
         """Returns the address of a trial's scene; ``None`` if it is the current scene."""
         plan = self._plan.trials[trial]
         number = self._number(plan.environment, self._plan.settings_of(plan), person)
-        return None if number == self.number else scene_url(number)
+        return None if number == self.scene_number else scene_url(number)
 
     @property
-    def ready(self) -> bool:
+    def is_world_ready(self) -> bool:
         """Whether the requested world is built. ``switch`` then makes it the current world."""
-        return self._preparation.ready
+        return self._preparation.is_ready
 
-    def switch(self) -> None:
+    def switch_world(self) -> None:
         """Replace the current world by the prepared one. Raises the error of its preparation, if any."""
-        key, world = self._preparation.key, self._preparation.take()
-        self.number = self._number(world.environment_id, world.settings, world.person)
+        key, world = self._preparation.world_key, self._preparation.pop_world()
+        self.scene_number = self._number(world.environment_id, world.settings, world.person)
         self.world, self._fresh_for = world, key
 
-    def client_connected(self) -> None:
+    def reset_shown_scene(self) -> None:
         """Reset the shown scene, because a client has just connected and shows no scene yet."""
         self._shown = None
 
-    def mark_shown(self, url: str) -> None:
+    def mark_scene_shown(self, url: str) -> None:
         """Record which scene the client shows, by its address."""
-        if url == self.url:
-            self._shown = self.number
+        if url == self.scene_url:
+            self._shown = self.scene_number
 
     @property
-    def is_shown(self) -> bool:
+    def is_scene_shown(self) -> bool:
         """Whether the client shows the current world's scene."""
-        return self._shown == self.number
+        return self._shown == self.scene_number
 
     def _number(self, environment: str, settings: Settings, person: Person) -> int:
         """Returns the number of an environment's scene with this person. Adds the scene if it does not exist."""
@@ -108,11 +108,11 @@ class TrialWorlds:
         return len(self.scenes) - 1
 
 
-def resting_person(environment: str, person: Person, settings: Settings = DEFAULTS) -> Person:
+def resting_person(environment: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> Person:
     """Returns the person in the rest pose of an environment's task."""
     task, _ = task_and_scene(environment, settings)
     return replace(person, joint_angles_rad=task.pose.rest_rad)
 
 
-def _key(trial: int, person: Person) -> TrialKey:
-    return TrialKey(trial, BodyKey.from_person(person))
+def _key(trial: int, person: Person) -> WorldKey:
+    return WorldKey(trial, BodyKey.from_person(person))

@@ -24,22 +24,24 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.rotation_matrices import from_euler_xyz
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, UPPER_RAD, Person
+from avrgym.models.human import JOINT_INDEX, LOWER_LIMITS_RAD, PROPORTIONS, UPPER_LIMITS_RAD, Person
 
 ARM_JOINTS = ("shoulder_y", "shoulder_x", "shoulder_z", "elbow_x", "forearm_z", "wrist_x", "wrist_y")
 _RIGHT = [JOINT_INDEX[f"right_{part}"] for part in ARM_JOINTS]
-LOWER, UPPER = LOWER_RAD[_RIGHT], UPPER_RAD[_RIGHT]
-_FIRST, _LAST = (extreme(LOWER + np.pi, UPPER - np.pi) for extreme in (np.minimum, np.maximum))
+ARM_LOWER_RAD, ARM_UPPER_RAD = LOWER_LIMITS_RAD[_RIGHT], UPPER_LIMITS_RAD[_RIGHT]
+_FIRST, _LAST = (
+    extreme(ARM_LOWER_RAD + np.pi, ARM_UPPER_RAD - np.pi) for extreme in (np.minimum, np.maximum)
+)
 """Each angle is reduced to ±π around a value between these bounds. This interval lies in the joint's range or covers
 it."""
 
-MAX_ROTATION_RAD = 0.0999
+MAX_TICK_ROTATION_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
-DETOUR_RAD = 1.2
+DETOUR_THRESHOLD_RAD = 1.2
 """If a joint must rotate by more than this, the solver accepts an error of the hand. No motion could avoid it."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
-POLE_RAD = 0.006
+SINGULARITY_ANGLE_RAD = 0.006
 """If the upper arm is within this angle of the forward direction, the solver approximates its direction. The error is
 at most 3 mm for an arm of 0.5 m."""
 SWIVEL_STEP_RAD = np.radians(5.0)
@@ -60,8 +62,8 @@ COMFORTABLE_ANGLES_RAD = np.radians([10.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 class ArmLengths:
     """Lengths in metres from shoulder to elbow, from elbow to wrist, and from wrist to the hand's centre."""
 
-    upper_m: float
-    fore_m: float
+    upper_arm_m: float
+    forearm_m: float
     hand_m: float
 
     @classmethod
@@ -88,7 +90,7 @@ class ArmSolver:
         hand_pos: FloatArray,
         hand_axes: FloatArray,
         start_rad: FloatArray,
-        turn_rad: float = MAX_ROTATION_RAD,
+        max_rotation_rad: float = MAX_TICK_ROTATION_RAD,
     ) -> FloatArray:
         """Returns the angles (A, 7) of the joints ``ARM_JOINTS`` that bring the hands of A arms to their poses.
 
@@ -101,12 +103,12 @@ class ArmSolver:
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
         lower, upper = (
-            np.maximum(LOWER, start_rad - turn_rad),
-            np.minimum(UPPER, start_rad + turn_rad),
+            np.maximum(ARM_LOWER_RAD, start_rad - max_rotation_rad),
+            np.minimum(ARM_UPPER_RAD, start_rad + max_rotation_rad),
         )
         angles = _clipped(aim, lower, upper)
-        way = np.abs(_clipped(aim, LOWER, UPPER) - start_rad).max(axis=1)
-        short = (way < DETOUR_RAD) & (np.abs(angles - aim).max(axis=1) > EXACT_RAD)
+        way = np.abs(_clipped(aim, ARM_LOWER_RAD, ARM_UPPER_RAD) - start_rad).max(axis=1)
+        short = (way < DETOUR_THRESHOLD_RAD) & (np.abs(angles - aim).max(axis=1) > CLIPPING_TOLERANCE_RAD)
         for arm in np.flatnonzero(short):
             for _ in range(LEAST_SQUARES_STEPS):
                 step = self._step(hand_pos[arm], hand_axes[arm], angles[arm], (lower[arm], upper[arm]))
@@ -127,10 +129,10 @@ class ArmSolver:
         mujoco.mj_comPos(self._model, data)
         mujoco.mj_jacSite(self._model, data, self._jacobian[:3], self._jacobian[3:], self._hand)
         jacobian = self._jacobian[:, _RIGHT]
-        jacobian[3:] *= METRES_PER_RADIAN
+        jacobian[3:] *= ROTATION_WEIGHT_M
         error = np.empty(6)
         error[:3] = hand_pos + data.xpos[self._shoulder] - data.site_xpos[self._hand]
-        error[3:] = METRES_PER_RADIAN * _turn(data.site_xmat[self._hand], hand_axes)
+        error[3:] = ROTATION_WEIGHT_M * _turn(data.site_xmat[self._hand], hand_axes)
         pull = error @ jacobian
         stuck = ((angles <= limits[0]) & (pull < 0.0)) | ((angles >= limits[1]) & (pull > 0.0))
         jacobian[:, stuck] = 0.0
@@ -138,8 +140,8 @@ class ArmSolver:
 
 
 LEAST_SQUARES_STEPS = 2
-METRES_PER_RADIAN = 0.15
-EXACT_RAD = 1e-6
+ROTATION_WEIGHT_M = 0.15
+CLIPPING_TOLERANCE_RAD = 1e-6
 DAMPING_M = 0.02
 _DAMPING = DAMPING_M**2 * np.eye(6)
 
@@ -158,13 +160,13 @@ def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArr
     to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
-    upper, fore = lengths.upper_m, lengths.fore_m
+    upper, fore = lengths.upper_arm_m, lengths.forearm_m
     nearest_m = sqrt(upper**2 + fore**2 + 2.0 * upper * fore * _COS_MOST_BENT)
     within_m = _clipped(distance_m, nearest_m / MAX_REACH_FRACTION, MAX_REACH_FRACTION * (upper + fore))
     return wrist * (within_m / distance_m)[:, None] - to_wrist
 
 
-_COS_MOST_BENT = cos(LOWER[ARM_JOINTS.index("elbow_x")])
+_COS_MOST_BENT = cos(ARM_LOWER_RAD[ARM_JOINTS.index("elbow_x")])
 
 
 def comfortable_angles(
@@ -225,7 +227,7 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
 
     The second result is the angle between the upper arm and the line from shoulder to wrist.
     """
-    upper, fore = lengths.upper_m, lengths.fore_m
+    upper, fore = lengths.upper_arm_m, lengths.forearm_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
     angle = -acos(min(max(cosine, -1.0), 1.0))
     return angle, atan2(-fore * sin(angle), upper + fore * cos(angle))
@@ -317,7 +319,7 @@ def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatA
     In this direction, y and z rotate about the same axis. Exact solutions would rotate both joints fast while the arm
     passes the direction. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
     """
-    slack = np.pi * np.minimum(POLE_RAD**2 / (1.0 + 1e-12 - forward * forward), 1.0)
+    slack = np.pi * np.minimum(SINGULARITY_ANGLE_RAD**2 / (1.0 + 1e-12 - forward * forward), 1.0)
     rest = _clipped(start_y_rad - angles[0], -slack, slack)
     angles[0] += rest
     angles[2] -= rest
@@ -330,7 +332,7 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     squared difference from its comfortable angle. Except for a constant and a factor, their sum is the squared
     difference from the weighted mean of both angles.
     """
-    outside = angles - _clipped(angles, _per_arm(LOWER[None]), _per_arm(UPPER[None]))
+    outside = angles - _clipped(angles, _per_arm(ARM_LOWER_RAD[None]), _per_arm(ARM_UPPER_RAD[None]))
     away = angles - _per_arm(
         (MOTION_COST * start_rad + COMFORT_COSTS * COMFORTABLE_ANGLES_RAD) / (MOTION_COST + COMFORT_COSTS)
     )
@@ -360,7 +362,7 @@ def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float
 
 def measure_solve_time_ms(calls: int = 1000) -> float:
     """Returns the median processor time in milliseconds for one arm. The hand circles in front of the chest."""
-    solver, angles = ArmSolver(Person()), REST_ANGLES_RAD[None]
+    solver, angles = ArmSolver(Person()), ARM_REST_ANGLES_RAD[None]
     times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):
         hand_pos = np.array([[0.05 + 0.1 * cos(angle), -0.3, -0.1 + 0.1 * sin(angle)]])
@@ -371,5 +373,5 @@ def measure_solve_time_ms(calls: int = 1000) -> float:
 
 
 _FORWARD_AXES = from_euler_xyz(-0.5 * np.pi, 0.0, 0.0)
-REST_ANGLES_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
+ARM_REST_ANGLES_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
 """Joint angles of an arm that hangs slightly forwards and outwards, with a bent elbow."""

@@ -9,21 +9,30 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
 from avrgym.models import human
-from avrgym.models.human import JOINT_INDEX, LOWER_RAD, PROPORTIONS, SEATED, UPPER_RAD, Person, Posture, Sex
+from avrgym.models.human import (
+    JOINT_INDEX,
+    LOWER_LIMITS_RAD,
+    PROPORTIONS,
+    SEATED,
+    UPPER_LIMITS_RAD,
+    Person,
+    Posture,
+    Sex,
+)
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.arm import ARM_JOINTS, MAX_ROTATION_RAD, ArmLengths, ArmSolver
+from avrgym.vr.tracking.arm import ARM_JOINTS, MAX_TICK_ROTATION_RAD, ArmLengths, ArmSolver
 
 WAIST_YAW_SHARE = 0.3
 """The waist's share of the head's yaw (paper, section III)."""
 
-WAIST = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
-HEAD_JOINTS = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
+WAIST_JOINT_INDICES = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
+HEAD_JOINT_INDICES = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
 WAIST_RANGES_RAD, HEAD_RANGES_RAD = (
-    list(zip(LOWER_RAD[joints].tolist(), UPPER_RAD[joints].tolist(), strict=True))
-    for joints in (WAIST, HEAD_JOINTS)
+    list(zip(LOWER_LIMITS_RAD[joints].tolist(), UPPER_LIMITS_RAD[joints].tolist(), strict=True))
+    for joints in (WAIST_JOINT_INDICES, HEAD_JOINT_INDICES)
 )
-ARM_JOINTS_BY_SIDE = {
+ARM_JOINT_INDICES = {
     side: [JOINT_INDEX[f"{side}_{part}"] for part in ARM_JOINTS] for side in ("right", "left")
 }
 
@@ -50,7 +59,7 @@ def hips_frame(person: Person, posture: Posture) -> tuple[FloatArray, FloatArray
 
 def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
     """Returns the body dimensions with which a client computes the same inverse kinematics as ``BodySolver``."""
-    frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
+    frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]), posture)
     lengths = ArmLengths.from_person(person)
     hips, waist, neck, shoulder = (
         (float(x), float(y), float(z))
@@ -64,15 +73,15 @@ def skeleton(person: Person, posture: Posture) -> messages.Skeleton:
         neck=neck,
         head_centre_m=float(frames.site_pos["head_centre"][0, 2]),
         right_shoulder=shoulder,
-        upper_arm_m=lengths.upper_m,
-        forearm_m=lengths.fore_m,
+        upper_arm_m=lengths.upper_arm_m,
+        forearm_m=lengths.forearm_m,
         hand_m=lengths.hand_m,
     )
 
 
 @lru_cache
 def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
-    return posture.hips(PROPORTIONS[sex]), from_euler_xyz(radians(posture.hips_deg), 0.0, 0.0)
+    return posture.hips_origin(PROPORTIONS[sex]), from_euler_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
 def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
@@ -132,26 +141,30 @@ class BodySolver:
 
     def __init__(self, person: Person, posture: Posture = SEATED) -> None:
         self.person, self.posture = person, posture
-        frames = human.layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
+        frames = human.body_layout(np.array([person.sex == "woman"]), np.array([person.torso_height_m]))
         self._waist_h, self._shoulder_t = frames.body_pos["torso"][0], frames.body_pos["right_upper_arm"][0]
         self._arm = ArmSolver(person)
         self._known: tuple[BodyPose, _Aim] | None = None
 
-    def solve(self, pose: BodyPose, start_rad: FloatArray, turn_rad: float = MAX_ROTATION_RAD) -> FloatArray:
+    def solve(
+        self, pose: BodyPose, start_rad: FloatArray, max_rotation_rad: float = MAX_TICK_ROTATION_RAD
+    ) -> FloatArray:
         """Returns joint angles (20,) within their ranges that bring head and hands to ``pose``.
 
-        Waist and head follow immediately. Joints of arms rotate from ``start_rad`` (20,) by at most ``turn_rad``, so
-        they cannot jump. The arm of an untracked hand keeps its angles. A second call with the same pose takes less
-        time.
+        Waist and head follow immediately. Joints of arms rotate from ``start_rad`` (20,) by at most
+        ``max_rotation_rad``, so they cannot jump. The arm of an untracked hand keeps its angles. A second call with the
+        same pose takes less time.
         """
         if self._known is None or self._known[0] is not pose:
             self._known = pose, self._aim(pose)
         aim = self._known[1]
         angles = np.array(start_rad, float)
-        angles[WAIST + HEAD_JOINTS] = aim.torso_rad
+        angles[WAIST_JOINT_INDICES + HEAD_JOINT_INDICES] = aim.torso_rad
         if aim.arms:
             start = aim.reflect * angles[aim.arms]
-            angles[aim.arms] = aim.reflect * self._arm.solve(aim.hand_pos, aim.hand_axes, start, turn_rad)
+            angles[aim.arms] = aim.reflect * self._arm.solve(
+                aim.hand_pos, aim.hand_axes, start, max_rotation_rad
+            )
         return angles
 
     def _aim(self, pose: BodyPose) -> _Aim:
@@ -166,7 +179,7 @@ class BodySolver:
         reflect = np.array([_REFLECT[side] for side in hands]).reshape(-1, 3)
         return _Aim(
             torso_rad,
-            [ARM_JOINTS_BY_SIDE[side] for side in hands],
+            [ARM_JOINT_INDICES[side] for side in hands],
             reflect * pos_t - self._shoulder_t,
             reflect[:, :, None] * reflect[:, None] * (torso_axes_w.T @ axes_w),
             np.where(_ABOUT_X, 1.0, reflect[:, :1]),
@@ -183,7 +196,7 @@ _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_JOINTS])
 """Boolean mask (7,) of an arm's joints: their angles keep their sign when the arm is mirrored."""
 
-RELAXED_ANGLES_RAD = human.joint_angles(
+RELAXED_ANGLES_RAD = human.seated_joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
 )
 """Joint angles with arms that hang slightly forwards and outwards, with bent elbows."""

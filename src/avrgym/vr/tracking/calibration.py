@@ -21,7 +21,7 @@ from avrgym.models import human
 from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import PROPORTIONS, Person, Posture, Sex
 from avrgym.models.human.person import check_arm_scale
-from avrgym.texts.interface_texts import Text, TextError
+from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
 from avrgym.vr.tracking.arm import ArmLengths
@@ -41,7 +41,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         TextError: for a height outside the range of adults. The message contains the range.
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
-    hips_m = posture.hips(PROPORTIONS[sex])[2] + furniture.height_offset_m(posture)
+    hips_m = posture.hips_origin(PROPORTIONS[sex])[2] + furniture.height_offset_m(posture)
     upright = sin(radians(furniture.backrest_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:
@@ -52,7 +52,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
         )
         heights = {"height_m": height_m, "low_m": low, "high_m": high}
         values = {name: f"{metres:.2f}" for name, metres in heights.items()}
-        raise TextError(Text(key, values | {"rests_cm": f"{100.0 * rests_m:.0f}"}))
+        raise ParticipantActionError(ParticipantText(key, values | {"rests_cm": f"{100.0 * rests_m:.0f}"}))
     return float((height_m - hips_m) / upright)
 
 
@@ -86,6 +86,6 @@ def measure_arm_scale(person: Person, reached_m: Sequence[float]) -> float:
     """
     most = ArmLengths.from_person(replace(person, arm_scale=1.0))
     fixed_m = PROPORTIONS[person.sex].forearm_radius
-    scale = (fmean(reached_m) - fixed_m) / (most.upper_m + most.fore_m - fixed_m)
+    scale = (fmean(reached_m) - fixed_m) / (most.upper_arm_m + most.forearm_m - fixed_m)
     check_arm_scale(scale)
     return scale

@@ -6,25 +6,25 @@ mouse has no noise, so its repeated poses are measurements.
 
 from math import inf
 
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.vr.protocol.messages import Tracking, XRPose
 
-STALE_S = 0.2
+STALE_POSE_AGE_S = 0.2
 """A pose older than this is stale."""
 
 
-class Freshness:
+class MeasurementTimes:
     """The time of the latest measurement of each part."""
 
     def __init__(self) -> None:
         self._begun = False
-        self._poses: dict[BodyPart, XRPose] = {}
-        self._measured_s: dict[BodyPart, float] = {}
+        self._poses: dict[TrackedBodyPart, XRPose] = {}
+        self._measured_s: dict[TrackedBodyPart, float] = {}
 
     def update(self, frame: Tracking, now_s: float) -> None:
         """Add a usable frame that arrives now."""
         self._begun = True
-        for part in BODY_PARTS:
+        for part in TRACKED_BODY_PARTS:
             pose: XRPose | None = getattr(frame, part)
             if pose is None:
                 continue
@@ -32,16 +32,20 @@ class Freshness:
                 self._measured_s[part] = now_s
             self._poses[part] = pose
 
-    def age_s(self, part: BodyPart, now_s: float) -> float:
+    def pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
         """Returns the time since the part's latest measurement; infinite without one."""
         return now_s - self._measured_s.get(part, -inf)
 
-    def stale(self, now_s: float) -> tuple[BodyPart, ...]:
-        """Returns the parts without a measurement for ``STALE_S``; empty before the first frame."""
-        return tuple(part for part in BODY_PARTS if self._begun and self.age_s(part, now_s) > STALE_S)
+    def stale_parts(self, now_s: float) -> tuple[TrackedBodyPart, ...]:
+        """Returns the parts without a measurement for ``STALE_POSE_AGE_S``; empty before the first frame."""
+        return tuple(
+            part
+            for part in TRACKED_BODY_PARTS
+            if self._begun and self.pose_age_s(part, now_s) > STALE_POSE_AGE_S
+        )
 
 
-def is_moved_by_mouse(frame: Tracking, part: BodyPart) -> bool:
+def is_moved_by_mouse(frame: Tracking, part: TrackedBodyPart) -> bool:
     """Returns whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
     modalities = {"left": frame.left_modality, "right": frame.right_modality}
     return modalities[part] == "mouse" if part != "head" else "mouse" in modalities.values()

@@ -8,13 +8,13 @@ from math import acos, dist, hypot
 
 import msgspec
 
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import is_moved_by_mouse
 
 MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
-RECOVERY_TIME_S = 0.1
+JUMP_RECOVERY_S = 0.1
 """A pose is valid again after this time without a jump."""
 MAX_UNTRACKED_S = 0.2
 """After this time without tracking, a limb may have moved to any position."""
@@ -22,7 +22,7 @@ RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
-def min_duration_s(one: XRPose, other: XRPose) -> float:
+def min_travel_time_s(one: XRPose, other: XRPose) -> float:
     """Returns the minimum time between two poses, at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
@@ -30,7 +30,7 @@ def min_duration_s(one: XRPose, other: XRPose) -> float:
     return max(dist(one.position, other.position) / MAX_SPEED_M_S, angle_rad / MAX_SPEED_RAD_S)
 
 
-def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
+def interpolate_poses(one: XRPose, other: XRPose, share: float) -> XRPose:
     """Returns a pose between two poses. ``share`` 0 gives the first pose, 1 the second."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
@@ -42,7 +42,7 @@ def interpolate(one: XRPose, other: XRPose, share: float) -> XRPose:
     return XRPose((x, y, z), (qx, qy, qz, qw))
 
 
-class LimbFilter:
+class PoseFilter:
     """Filters the pose of the head or a hand. ``deviates``: the filtered pose differs from the tracked pose."""
 
     def __init__(self) -> None:
@@ -59,14 +59,14 @@ class LimbFilter:
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
-            jumped = min_duration_s(self._tracked, tracked) > passed_s + ROUNDING_S
+            jumped = min_travel_time_s(self._tracked, tracked) > passed_s + ROUNDING_TOLERANCE_S
             absent = measured and captured_s - self._measured_s > MAX_UNTRACKED_S
-            self._valid_from_s = now_s + RECOVERY_TIME_S if jumped else self._valid_from_s
+            self._valid_from_s = now_s + JUMP_RECOVERY_S if jumped else self._valid_from_s
             self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s
         self._measured_s = captured_s if measured else self._measured_s
 
-    def follow(self, now_s: float) -> XRPose:
+    def filtered_pose(self, now_s: float) -> XRPose:
         """Returns the filtered pose for this tick. Call it once per tick, after the first frame."""
         assert self._tracked is not None
         if self._followed is None or not self.deviates:
@@ -75,40 +75,40 @@ class LimbFilter:
             share = (
                 RETURN_SPEED_FRACTION
                 * TICK_S
-                / max(min_duration_s(self._followed, self._tracked), ROUNDING_S)
+                / max(min_travel_time_s(self._followed, self._tracked), ROUNDING_TOLERANCE_S)
             )
             self.deviates = share < 1.0
             self._followed = (
-                interpolate(self._followed, self._tracked, share) if self.deviates else self._tracked
+                interpolate_poses(self._followed, self._tracked, share) if self.deviates else self._tracked
             )
         return self._followed
 
 
-class LimbFilters:
+class PoseFilters:
     """Filters the poses of head and hands, from entering VR until leaving it."""
 
     def __init__(self) -> None:
-        self._limbs: dict[BodyPart, LimbFilter] = {part: LimbFilter() for part in BODY_PARTS}
+        self._limbs: dict[TrackedBodyPart, PoseFilter] = {part: PoseFilter() for part in TRACKED_BODY_PARTS}
 
     @property
-    def deviating_parts(self) -> tuple[BodyPart, ...]:
+    def deviating_parts(self) -> tuple[TrackedBodyPart, ...]:
         """The parts that are not at their tracked poses."""
         return tuple(part for part, limb in self._limbs.items() if limb.deviates)
 
     def update(self, tracking: Tracking, captured_s: float, now_s: float) -> None:
-        """Add a new frame, see ``LimbFilter.update``."""
+        """Add a new frame, see ``PoseFilter.update``."""
         for part, pose in _tracked(tracking).items():
             may_repeat = is_moved_by_mouse(tracking, part)
             self._limbs[part].update(pose, captured_s, now_s, may_repeat=may_repeat)
 
-    def follow(self, tracking: Tracking, now_s: float) -> Tracking:
+    def filtered_frame(self, tracking: Tracking, now_s: float) -> Tracking:
         """Returns the newest frame, with its poses replaced by the filtered poses for this tick."""
-        followed = {part: self._limbs[part].follow(now_s) for part in _tracked(tracking)}
+        followed = {part: self._limbs[part].filtered_pose(now_s) for part in _tracked(tracking)}
         return msgspec.structs.replace(tracking, **followed)
 
 
-def _tracked(tracking: Tracking) -> dict[BodyPart, XRPose]:
-    poses: tuple[tuple[BodyPart, XRPose | None], ...] = (
+def _tracked(tracking: Tracking) -> dict[TrackedBodyPart, XRPose]:
+    poses: tuple[tuple[TrackedBodyPart, XRPose | None], ...] = (
         ("head", tracking.head),
         ("left", tracking.left),
         ("right", tracking.right),
@@ -116,4 +116,4 @@ def _tracked(tracking: Tracking) -> dict[BodyPart, XRPose]:
     return {part: pose for part, pose in poses if pose is not None}
 
 
-ROUNDING_S = 1e-6
+ROUNDING_TOLERANCE_S = 1e-6

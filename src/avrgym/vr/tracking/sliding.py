@@ -15,18 +15,18 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion
 from avrgym.models.human import Person, Posture
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.body import HEAD_JOINTS, WAIST, resting_head_centre, skeleton
+from avrgym.vr.tracking.body import HEAD_JOINT_INDICES, WAIST_JOINT_INDICES, resting_head_centre, skeleton
 
 SAMPLE_INTERVAL_TICKS = 10
-SAMPLES_PER_SECOND = 11
+WINDOW_SAMPLES = 11
 """Number of samples in one second, including both ends."""
-STEADY_RADIUS_M = 0.03
+STEADY_HEAD_RANGE_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
 """If a resting head is farther than this from the simulated head, the participant has slid."""
 MAX_SHIFT_M = 0.6
-MAX_RISE_M = 0.1
+MAX_HEAD_RISE_M = 0.1
 """Maximum distance of a seated participant from the rest position, and above it. Beyond it, they have left the seat."""
-GLIDE_SPEED_M_S = 0.05
+SEAT_SPEED_M_S = 0.05
 """Speed of the virtual seat and room. It is low, because the participant sees the motion of the whole scene."""
 
 
@@ -35,7 +35,7 @@ class SeatMotion:
     """A motion of the participant's floor in the world at constant speed: shift (3,) and duration."""
 
     shift_w: FloatArray
-    seconds: float
+    duration_s: float
 
 
 class SlidingMonitor:
@@ -48,7 +48,7 @@ class SlidingMonitor:
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
         self._rest_w = resting_head_centre(person, posture)
-        self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_SECOND)
+        self._seen: deque[FloatArray] = deque(maxlen=WINDOW_SAMPLES)
 
     def update(self, head: Pose, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """Returns the motion of the room if the participant has slid, otherwise ``None``.
@@ -57,12 +57,12 @@ class SlidingMonitor:
         """
         self._seen.append(head.pos_w)
         if (
-            len(self._seen) < SAMPLES_PER_SECOND
-            or np.ptp(np.array(self._seen), axis=0).max() > STEADY_RADIUS_M
+            len(self._seen) < WINDOW_SAMPLES
+            or np.ptp(np.array(self._seen), axis=0).max() > STEADY_HEAD_RANGE_M
         ):
             return None
         error_m = float(np.linalg.norm(head.pos_w - self.head_centre_w(joint_angles_rad)))
-        if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_RISE_M:
+        if error_m <= SLIDING_THRESHOLD_M or head.pos_w[2] - self._rest_w[2] > MAX_HEAD_RISE_M:
             return None
         return self._glide(head)
 
@@ -72,7 +72,10 @@ class SlidingMonitor:
 
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
         """Returns the head's centre (3,) for joint angles (20,)."""
-        waist, head = joint_angles_rad[WAIST].tolist(), joint_angles_rad[HEAD_JOINTS].tolist()
+        waist, head = (
+            joint_angles_rad[WAIST_JOINT_INDICES].tolist(),
+            joint_angles_rad[HEAD_JOINT_INDICES].tolist(),
+        )
         torso_axes_w = self._hips_axes_w @ from_euler_xyz(*waist)
         up_w = (torso_axes_w @ from_euler_xyz(*head))[:, 2]
         return self._waist_w + torso_axes_w @ self._neck_t + self._head_centre_m * up_w
@@ -94,4 +97,4 @@ class SlidingMonitor:
         if not SLIDING_THRESHOLD_M < shift_m <= MAX_SHIFT_M:
             return None
         self.reset()
-        return SeatMotion(-shift_m * direction, shift_m / GLIDE_SPEED_M_S)
+        return SeatMotion(-shift_m * direction, shift_m / SEAT_SPEED_M_S)

@@ -28,28 +28,28 @@ MAX_SWITCH_GAP_S = 2.0
 """Maximum time after the old device's last pose for which a resting hand is assumed not to have moved."""
 REST_RADIUS_M = 0.02
 """A hand that moves less than this is at rest."""
-FADING_PER_METRE = 0.1
+CORRECTION_FADING_PER_METRE = 0.1
 """Reduction of the correction in metres per metre of the hand's motion."""
-METRES_PER_RADIAN = 0.15
+ROTATION_WEIGHT_M = 0.15
 """Weight of a rotation relative to a translation."""
 
 
 @dataclass(frozen=True)
-class Correction:
+class GripCorrection:
     """The transform from the current device's grip to the corrected grip: position (3,), rotation vector (3,)."""
 
     pos: FloatArray
-    turn_rad: FloatArray
+    rotation_rad: FloatArray
 
     @property
     def size_m(self) -> float:
         """The size of the correction in metres, including its rotation."""
-        return max(float(np.linalg.norm(self.pos)), METRES_PER_RADIAN * self.angle_rad)
+        return max(float(np.linalg.norm(self.pos)), ROTATION_WEIGHT_M * self.angle_rad)
 
     @property
     def angle_rad(self) -> float:
         """The rotation angle of the correction."""
-        return float(np.linalg.norm(self.turn_rad))
+        return float(np.linalg.norm(self.rotation_rad))
 
     @property
     def is_plausible(self) -> bool:
@@ -58,28 +58,28 @@ class Correction:
             float(np.linalg.norm(self.pos)) <= MAX_DEVICE_OFFSET_M and self.angle_rad <= MAX_DEVICE_OFFSET_RAD
         )
 
-    def after(self, way_m: float) -> "Correction | None":
+    def after_motion(self, way_m: float) -> "GripCorrection | None":
         """Returns the remaining correction after the hand has moved by ``way_m``; ``None`` if nothing remains."""
-        left = 1.0 - FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
-        return Correction(left * self.pos, left * self.turn_rad) if left > 0.0 else None
+        left = 1.0 - CORRECTION_FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
+        return GripCorrection(left * self.pos, left * self.rotation_rad) if left > 0.0 else None
 
-    def of(self, grip: XRPose) -> XRPose:
+    def apply(self, grip: XRPose) -> XRPose:
         """Returns the grip pose, with this correction applied."""
         pos, q, turn = np.empty(3), np.empty(4), np.empty(4)
         angle_rad = self.angle_rad
-        axis = self.turn_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
+        axis = self.rotation_rad / angle_rad if angle_rad > 0.0 else np.array([1.0, 0.0, 0.0])
         mujoco.mju_axisAngle2Quat(turn, axis, angle_rad)
         mujoco.mju_mulPose(pos, q, *_arrays(grip), self.pos, turn)
         return _pose(pos, q)
 
 
-def correction_between(grip: XRPose, followed: XRPose) -> Correction:
+def correction_between(grip: XRPose, followed: XRPose) -> GripCorrection:
     """Returns the correction that transforms the pose ``grip`` to the pose ``followed``."""
     there, there_q = transforms.invert(*_arrays(grip))
     pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
     mujoco.mju_mulPose(pos, q, there, there_q, *_arrays(followed))
     mujoco.mju_quat2Vel(turn_rad, q, 1.0)
-    return Correction(pos, turn_rad)
+    return GripCorrection(pos, turn_rad)
 
 
 class HandDevice:
@@ -90,10 +90,10 @@ class HandDevice:
         self._modality: Modality = "none"
         self._followed: XRPose | None = None
         self._seen_s = 0.0
-        self._correction: Correction | None = None
+        self._correction: GripCorrection | None = None
         self._rested = np.zeros(3)
 
-    def grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
+    def corrected_grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
         """Returns the corrected grip for a new pose. Without a switch, a controller's pose does not change."""
         grip = grip_from_wrist(pose, self._side) if modality == "hand" else pose
         if modality != self._modality and self._followed is not None:
@@ -101,7 +101,7 @@ class HandDevice:
         elif self._correction is not None:
             self._fade(grip, self._correction)
         self._modality, self._seen_s = modality, captured_s
-        self._followed = grip if self._correction is None else self._correction.of(grip)
+        self._followed = grip if self._correction is None else self._correction.apply(grip)
         return self._followed
 
     def _switch(self, grip: XRPose, followed: XRPose, gap_s: float) -> None:
@@ -109,10 +109,10 @@ class HandDevice:
         self._correction = found if found.is_plausible and gap_s <= MAX_SWITCH_GAP_S else None
         self._rested = np.array(grip.position)
 
-    def _fade(self, grip: XRPose, correction: Correction) -> None:
+    def _fade(self, grip: XRPose, correction: GripCorrection) -> None:
         way_m = float(np.linalg.norm(np.array(grip.position) - self._rested))
         if way_m > REST_RADIUS_M:
-            self._correction, self._rested = correction.after(way_m), np.array(grip.position)
+            self._correction, self._rested = correction.after_motion(way_m), np.array(grip.position)
 
 
 class HandDevices:
@@ -121,7 +121,7 @@ class HandDevices:
     def __init__(self) -> None:
         self._left, self._right = HandDevice("left"), HandDevice("right")
 
-    def follow(self, tracking: Tracking, captured_s: float) -> Tracking:
+    def corrected_frame(self, tracking: Tracking, captured_s: float) -> Tracking:
         """Returns the frame, with its hand poses replaced by the corrected grips."""
         return msgspec.structs.replace(
             tracking,
@@ -133,7 +133,7 @@ class HandDevices:
 
 
 def _grip(hand: HandDevice, pose: XRPose | None, modality: Modality, captured_s: float) -> XRPose | None:
-    return None if pose is None else hand.grip(pose, modality, captured_s)
+    return None if pose is None else hand.corrected_grip(pose, modality, captured_s)
 
 
 def _held(modality: Modality) -> Modality:

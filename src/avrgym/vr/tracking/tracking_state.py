@@ -8,15 +8,15 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.body_names import BODY_PARTS, BodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import SEATED, Person, Posture
-from avrgym.recording.input_profile import ARMS, CONTROLLERS, Arm, InputProfile
+from avrgym.recording.input_profile import ARMS, DEFAULT_INPUT_PROFILE, Arm, InputProfile
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, XRPose
-from avrgym.vr.protocol.webxr import Registration, head_pose, register
+from avrgym.vr.protocol.webxr import Registration, head_pose, registration_from_head
 from avrgym.vr.tracking.body import BodyPose, resting_head_centre
-from avrgym.vr.tracking.frames import Frame, TrackingFeed, body_pose
-from avrgym.vr.tracking.jumps import LimbFilters
+from avrgym.vr.tracking.frames import ReceivedFrame, TrackingFeed, body_pose
+from avrgym.vr.tracking.jumps import PoseFilters
 from avrgym.vr.tracking.sliding import SAMPLE_INTERVAL_TICKS, SeatMotion, SlidingMonitor
 from avrgym.vr.tracking.switches import HandDevices
 
@@ -28,19 +28,19 @@ class TrackingUpdate:
     ``arrived``: the frames that arrived since the previous tick. ``newest``: the newest usable frame; ``None`` before
     the first frame, and while this frame is stale. ``silent``: the newest frame is stale. ``deviating_parts``: parts of
     the body that jumped and are not at their tracked poses. ``untracked``: all parts with stale poses. ``lost``: the
-    parts among them that the task needs. ``deviating_parts_before`` and ``lost_before``: the values of the previous
-    tick. ``pose``: the target pose of the body, if any.
+    parts among them that the task needs. ``deviating_parts_before`` and ``lost_parts_before``: the values of the
+    previous tick. ``pose``: the target pose of the body, if any.
     """
 
-    arrived: Sequence[Frame]
-    newest: Frame | None = None
-    silent: bool = False
-    deviating_parts: tuple[BodyPart, ...] = ()
-    deviating_parts_before: tuple[BodyPart, ...] = ()
-    untracked: tuple[BodyPart, ...] = ()
-    lost: tuple[BodyPart, ...] = ()
-    lost_before: tuple[BodyPart, ...] = ()
-    pose: BodyPose | None = None
+    arrived_frames: Sequence[ReceivedFrame]
+    newest_frame: ReceivedFrame | None = None
+    is_stale: bool = False
+    deviating_parts: tuple[TrackedBodyPart, ...] = ()
+    deviating_parts_before: tuple[TrackedBodyPart, ...] = ()
+    untracked_parts: tuple[TrackedBodyPart, ...] = ()
+    lost_parts: tuple[TrackedBodyPart, ...] = ()
+    lost_parts_before: tuple[TrackedBodyPart, ...] = ()
+    target_pose: BodyPose | None = None
 
 
 class TrackingState:
@@ -52,11 +52,11 @@ class TrackingState:
 
     def __init__(self) -> None:
         self.registration: Registration | None = None
-        self._followed: Frame | None = None
+        self._followed: ReceivedFrame | None = None
         self._tracked: messages.Tracking | None = None
-        self._hands, self._limbs = HandDevices(), LimbFilters()
-        self.untracked: tuple[BodyPart, ...] = ()
-        self.lost: tuple[BodyPart, ...] = ()
+        self._hands, self._limbs = HandDevices(), PoseFilters()
+        self.untracked_parts: tuple[TrackedBodyPart, ...] = ()
+        self.lost_parts: tuple[TrackedBodyPart, ...] = ()
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
@@ -66,47 +66,47 @@ class TrackingState:
         self._ticks = 0
         self._glide: SeatMotion | None = None
 
-    def take(self, tracking: messages.Tracking, now_s: float) -> Frame:
+    def add_frame(self, tracking: messages.Tracking, now_s: float) -> ReceivedFrame:
         """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
         return self._feed.add(tracking, now_s)
 
-    def take_arrived(self) -> list[Frame]:
+    def pop_arrived_frames(self) -> list[ReceivedFrame]:
         """Returns the frames that arrived since the last call, and clears them."""
-        return self._feed.take_arrived()
+        return self._feed.pop_arrived_frames()
 
-    def age_s(self, now_s: float) -> float | None:
+    def newest_frame_age_s(self, now_s: float) -> float | None:
         """Returns the age of the newest usable frame; ``None`` before the first."""
-        newest = self._feed.newest
+        newest = self._feed.newest_frame
         return None if newest is None else now_s - newest.received_s
 
-    def part_age_s(self, part: BodyPart, now_s: float) -> float:
+    def part_pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
         """Returns the time since a part's latest measurement; infinite without one."""
-        return self._feed.freshness.age_s(part, now_s)
+        return self._feed.measurement_times.pose_age_s(part, now_s)
 
     @property
-    def followed(self) -> int:
+    def followed_sequence(self) -> int:
         """The sequence number of the newest tracking frame that moved the body; −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
     @property
-    def deviating_parts(self) -> tuple[BodyPart, ...]:
+    def deviating_parts(self) -> tuple[TrackedBodyPart, ...]:
         """The parts of the body that are not at their tracked poses."""
         if self._followed is None or self.registration is None:
-            return BODY_PARTS
-        deviating = {*self._limbs.deviating_parts, *self.untracked, *self._ignored}
-        return tuple(part for part in BODY_PARTS if part in deviating)
+            return TRACKED_BODY_PARTS
+        deviating = {*self._limbs.deviating_parts, *self.untracked_parts, *self._ignored}
+        return tuple(part for part in TRACKED_BODY_PARTS if part in deviating)
 
     @property
-    def modalities(self) -> tuple[messages.Modality, messages.Modality]:
+    def hand_modalities(self) -> tuple[messages.Modality, messages.Modality]:
         """The tracking devices of left and right hand in the newest usable frame."""
-        newest = self._feed.newest
+        newest = self._feed.newest_frame
         return (
             ("none", "none")
             if newest is None
             else (newest.tracking.left_modality, newest.tracking.right_modality)
         )
 
-    def place(self, head: XRPose, person: Person, posture: Posture) -> None:
+    def place_seat(self, head: XRPose, person: Person, posture: Posture) -> None:
         """Determine the registration from the headset's pose of a participant who rests on the seat or bed."""
         self._resting, self._posture = head, posture
         self.update_location(person)
@@ -114,7 +114,9 @@ class TrackingState:
     def update_location(self, person: Person) -> None:
         """Adapt the registration to a person with another torso height. The seat does not move in the real room."""
         if self._resting is not None:
-            self.registration = register(self._resting, resting_head_centre(person, self._posture))
+            self.registration = registration_from_head(
+                self._resting, resting_head_centre(person, self._posture)
+            )
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
@@ -122,26 +124,26 @@ class TrackingState:
         """Delete the participant's position and direction. The next usable frame determines them."""
         self.registration = self._pose = self._resting = self._sliding = self._glide = None
 
-    def steady_head(self, now_s: float) -> XRPose:
-        """Returns the headset's pose at rest; see ``TrackingFeed.steady_head``."""
-        return self._feed.steady_head(now_s)
+    def steady_headset_pose(self, now_s: float) -> XRPose:
+        """Returns the headset's pose at rest; see ``TrackingFeed.steady_headset_pose``."""
+        return self._feed.steady_headset_pose(now_s)
 
-    def follow(
-        self, needed: Collection[BodyPart], now_s: float, profile: InputProfile = CONTROLLERS
+    def update(
+        self, needed: Collection[TrackedBodyPart], now_s: float, profile: InputProfile = DEFAULT_INPUT_PROFILE
     ) -> TrackingUpdate:
         """Returns the tracking of this tick, with the body's target pose if the newest frame is fresh.
 
         ``needed``: parts of the body that the task needs. The pose omits the hands of resting and absent arms. It also
         omits stale hands of arms that the input ``profile`` does not use.
         """
-        newest, silent = self._feed.newest, self._feed.is_stale(now_s)
+        newest, silent = self._feed.newest_frame, self._feed.is_stale(now_s)
         arrived, deviating_parts_before, lost_before = (
-            self._feed.take_arrived(),
+            self._feed.pop_arrived_frames(),
             self._limbs.deviating_parts,
-            self.lost,
+            self.lost_parts,
         )
-        self.untracked = self._feed.freshness.stale(now_s)
-        self.lost = tuple(part for part in self.untracked if part in needed)
+        self.untracked_parts = self._feed.measurement_times.stale_parts(now_s)
+        self.lost_parts = tuple(part for part in self.untracked_parts if part in needed)
         self._ignore(profile)
         if newest is not None and not silent and self.registration is not None:
             pose = self._pose_from(self.registration, newest, now_s)
@@ -153,8 +155,8 @@ class TrackingState:
             silent,
             self._limbs.deviating_parts,
             deviating_parts_before,
-            self.untracked,
-            self.lost,
+            self.untracked_parts,
+            self.lost_parts,
             lost_before,
             pose,
         )
@@ -162,7 +164,7 @@ class TrackingState:
     # Sliding on the seat -------------------------------------------------------------------------------------------
 
     @property
-    def placed(self) -> messages.Placed | None:
+    def world_motion(self) -> messages.Placed | None:
         """Target pose and remaining time of the world's motion in the participant's room.
 
         ``None`` while the world does not move.
@@ -170,9 +172,9 @@ class TrackingState:
         if self._glide is None or self.registration is None:
             return None
         there = replace(self.registration, origin_w=self.registration.origin_w + self._glide.shift_w)
-        return messages.Placed(there.xr_from_world(), self._glide.seconds)
+        return messages.Placed(there.xr_from_world(), self._glide.duration_s)
 
-    def follow_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
+    def move_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``follow``.
 
         ``joint_angles_rad`` (20,) are the body's targets. Returns the motion in the tick in which it starts.
@@ -201,26 +203,26 @@ class TrackingState:
         """Move the participant's floor by one tick of the remaining shift."""
         assert self.registration is not None
         assert self._resting is not None
-        share = min(TICK_S / glide.seconds, 1.0)
+        share = min(TICK_S / glide.duration_s, 1.0)
         step_w = share * glide.shift_w
         step_xr = transforms.rotate(transforms.conjugate(self.registration.q_w), -step_w)
         x, y, z = (np.array(self._resting.position) + step_xr).tolist()
         self._resting = XRPose((x, y, z), self._resting.orientation)
         self.registration = replace(self.registration, origin_w=self.registration.origin_w + step_w)
         self._pose = None
-        left_s = glide.seconds - TICK_S
+        left_s = glide.duration_s - TICK_S
         self._glide = SeatMotion(glide.shift_w - step_w, left_s) if share < 1.0 else None
 
-    def _pose_from(self, registration: Registration, newest: Frame, now_s: float) -> BodyPose:
+    def _pose_from(self, registration: Registration, newest: ReceivedFrame, now_s: float) -> BodyPose:
         """Returns the target pose of the body. Without a new frame, deviating parts continue to their tracked poses."""
         if newest is not self._followed:
             self._followed = newest
-            self._tracked = self._hands.follow(newest.tracking, newest.captured_s)
+            self._tracked = self._hands.corrected_frame(newest.tracking, newest.captured_s)
             self._limbs.update(self._tracked, newest.captured_s, now_s)
             self._pose = None
         if self._pose is None or self._limbs.deviating_parts:
             assert self._tracked is not None
-            tracked = self._limbs.follow(self._tracked, now_s)
+            tracked = self._limbs.filtered_frame(self._tracked, now_s)
             if self._ignored:
                 tracked = msgspec.structs.replace(tracked, **dict.fromkeys(self._ignored))
             self._pose = body_pose(registration, tracked)
@@ -229,7 +231,7 @@ class TrackingState:
     def _ignore(self, profile: InputProfile) -> None:
         """Store the arms whose tracking is ignored in this tick."""
         never: set[Arm] = {*profile.resting_arms, *profile.absent_arms}
-        unused = frozenset(ARMS).difference(profile.used_arms)
-        ignored = unused.intersection(never.union(self.untracked))
+        unused = frozenset(ARMS).difference(profile.tracked_arms)
+        ignored = unused.intersection(never.union(self.untracked_parts))
         if ignored != self._ignored:
             self._ignored, self._pose = ignored, None

@@ -8,7 +8,7 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import transforms
 from avrgym.geometry.transforms import norm
 from avrgym.models.human import People
-from avrgym.simulation.worlds import RightArm, State
+from avrgym.simulation.worlds import RightArmPoses, State
 from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
@@ -33,7 +33,7 @@ def init_state(people: People, uniforms: FloatArray) -> HandoverState:
     return HandoverState(np.zeros(len(uniforms), dtype=np.intp))
 
 
-def palm_w(arm: RightArm) -> FloatArray:
+def palm_w(arm: RightArmPoses) -> FloatArray:
     """Centre of the right hand (N, 3); world frame."""
     return arm.right_arm_pos_w[:, HAND] + transforms.rotate(arm.right_arm_q_w[:, HAND], PALM_M)
 

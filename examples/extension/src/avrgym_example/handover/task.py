@@ -12,7 +12,7 @@ from avrgym.models.human import People
 from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import Start, State
+from avrgym.simulation.worlds import InitialState, State
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
@@ -23,7 +23,7 @@ from avrgym.tasks.task import Task, View, Views
 from avrgym_example.handover.remote import REMOTE
 from avrgym_example.handover.reward import HAND, WEIGHTS, HandoverState, evaluate_step, init_state, palm_w
 
-POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
+POSE = Pose(rest_rad=human.seated_joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
 HAND_START_W, START_SPREAD_M = (-0.55, -0.05, 0.8), 0.05
 TOOL_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 """Pointing 45° upwards to the person's left."""
@@ -38,7 +38,7 @@ def scene(robot: Robot) -> SceneConfig:
     )
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Hand within ±5 cm of a point next to the forearm; the base reaches the person's hand."""
     hand_w = np.array(HAND_START_W) + START_SPREAD_M * (2.0 * uniforms[:, :3] - 1.0)
     tool_w, tool_q_w = placement.tool_pose_in_hand(scene, hand_w, TOOL_Q_W)

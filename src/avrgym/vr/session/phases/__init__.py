@@ -8,75 +8,76 @@ Therefore the modules import each other through this package.
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
 from avrgym.vr.session.phases.checking import (
-    CheckAtRest,
-    CheckFeedback,
-    CheckMoving,
-    CheckResult,
-    CheckStart,
-    CheckStop,
-    CheckStretched,
+    DroppedFrameMeasurement,
+    EmergencyStopTest,
+    FeedbackTest,
+    HandRangeMeasurement,
+    HeadsetCheckResult,
+    HeadsetCheckStart,
+    JitterMeasurement,
 )
-from avrgym.vr.session.phases.halted import Finished, Paused, RecordingFailed
+from avrgym.vr.session.phases.halted import RecordingFailed, SessionFinished, SessionPaused
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.phases.preparing import (
+    BodyCheck,
     Calibration,
-    Check,
-    ConfirmReady,
-    LoadCalibration,
-    LoadCheck,
-    LoadTrial,
+    LoadingBodyCheck,
+    LoadingCalibration,
+    LoadingTrial,
     PreferenceQuestionnaire,
     ReachForward,
     ReachSideways,
-    Storing,
-    Waiting,
+    ReadyConfirmation,
+    StoringTrial,
+    WaitingForParticipant,
 )
 from avrgym.vr.session.phases.running import (
-    Confirm,
+    AnswerConfirmation,
     Countdown,
-    FreeMovementAfter,
-    FreeMovementBefore,
-    Questionnaire,
-    Retreat,
-    Trial,
+    FreeMovementAfterTrial,
+    FreeMovementBeforeTrial,
+    RobotRetreat,
+    RunningTrial,
+    TrialQuestionnaire,
 )
 
-TrialStart = (
-    LoadTrial
+PhaseAtTrialStart = (
+    LoadingTrial
     | Calibration
-    | Storing
-    | Waiting
+    | StoringTrial
+    | WaitingForParticipant
     | Break
     | BreakQuestionnaire
-    | Paused
+    | SessionPaused
     | RecordingFailed
-    | ConfirmReady
-    | FreeMovementBefore
-    | Finished
+    | ReadyConfirmation
+    | FreeMovementBeforeTrial
+    | SessionFinished
 )
 """Phases that may follow when a trial is to start."""
-SessionEnd = Finished | RecordingFailed
+PhaseAtSessionEnd = SessionFinished | RecordingFailed
 """Phases that may follow a request to end the session. If the robot has finished, the trial is completed first."""
-AfterRobot = TrialStart | Finished | Questionnaire
+PhaseAfterRobot = PhaseAtTrialStart | SessionFinished | TrialQuestionnaire
 """Phases that may follow when the robot has finished, even if the participant has left VR."""
-AfterEntering = CheckStart | Calibration | LoadCalibration | SessionEnd
+PhaseAfterEntering = HeadsetCheckStart | Calibration | LoadingCalibration | PhaseAtSessionEnd
 """Phases that may follow when the participant enters VR."""
-AfterLeaving = Waiting | SessionEnd
+PhaseAfterLeaving = WaitingForParticipant | PhaseAtSessionEnd
 """Phases that may follow when the participant leaves VR."""
-AfterRecalibration = Calibration | LoadCalibration | SessionEnd
+AfterRecalibration = Calibration | LoadingCalibration | PhaseAtSessionEnd
 """Phases that may follow a request for a new calibration."""
-AfterLoading = TrialStart | Check
+PhaseAfterLoading = PhaseAtTrialStart | BodyCheck
 """Phases that may follow when the client shows a new world."""
 
 PHASES: tuple[type[Phase], ...] = (
-    Waiting, CheckStart, CheckAtRest, CheckStretched, CheckMoving, CheckStop, CheckFeedback, CheckResult, Calibration,
-    ReachForward, ReachSideways, LoadTrial, LoadCalibration, LoadCheck, Storing, Check, ConfirmReady,
-    PreferenceQuestionnaire, FreeMovementBefore, Countdown, Trial, Retreat, FreeMovementAfter, Questionnaire, Confirm,
-    Break, BreakQuestionnaire, Paused, RecordingFailed, Finished,
+    WaitingForParticipant, HeadsetCheckStart, JitterMeasurement, HandRangeMeasurement, DroppedFrameMeasurement,
+    EmergencyStopTest, FeedbackTest, HeadsetCheckResult, Calibration, ReachForward, ReachSideways, LoadingTrial,
+    LoadingCalibration, LoadingBodyCheck, StoringTrial, BodyCheck, ReadyConfirmation, PreferenceQuestionnaire,
+    FreeMovementBeforeTrial, Countdown, RunningTrial, RobotRetreat, FreeMovementAfterTrial, TrialQuestionnaire,
+    AnswerConfirmation, Break, BreakQuestionnaire, SessionPaused, RecordingFailed, SessionFinished,
 )  # fmt: skip
 """All phases, in the order of a session."""
 
 
-def phases_with(flag: str) -> list[PhaseName]:
+def phase_names_with(flag: str) -> list[PhaseName]:
     """Returns the names of the phases in which this attribute is true."""
     return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.recording.schema import Answer
-from avrgym.texts.interface_texts import Text
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, QuestionsPhase
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, QuestionnairePhase
+from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 
 
@@ -17,15 +17,15 @@ class Break(BetweenTrialsPhase):
     """The participant takes a break, with or without the headset. The trigger ends it."""
 
     name = "break"
-    message = Text("take_break")
+    message = ParticipantText("take_break")
 
     def on_enter(self) -> None:
         self.state.headset_time.begin_break()
-        self.state.sink.report(events.BreakBegun(self.state.now_s))
+        self.state.event_sink.report(events.BreakBegun(self.state.now_s))
 
-    def on_ready(self) -> phases.TrialStart:
+    def on_ready(self) -> phases.PhaseAtTrialStart:
         self.state.headset_time.end_break()
-        self.state.sink.report(events.BreakEnded(self.state.now_s))
+        self.state.event_sink.report(events.BreakEnded(self.state.now_s))
         return self._begin_trial()
 
     def request_break(self, by: events.Initiator) -> Self:
@@ -37,33 +37,33 @@ class Break(BetweenTrialsPhase):
         return False
 
 
-class BreakQuestionnaire(QuestionsPhase):
+class BreakQuestionnaire(QuestionnairePhase):
     """The participant answers the questions after a break. The answers are stored after the last one."""
 
     name = "questionnaire"
-    message = Text("questionnaire")
+    message = ParticipantText("questionnaire")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self._questions = Questions(state.plan.break_items)
+        self._questions = QuestionSequence(state.plan.break_items)
         self._given: dict[str, Answer] = {}
 
-    def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
+    def answer(self, answer: messages.Answer) -> phases.PhaseAtTrialStart | Self:
         """Store the answer to the current question. The last answer ends the questionnaire."""
         state, given = self.state, self._take(answer)
         if given is None:
             return self
         self._given[given.item] = given
-        if not self._questions.done:
+        if not self._questions.all_answered:
             state.send(self.question)
             return self
         for each in self._given.values():
-            state.sink.report(events.AnsweredAfterBreak(state.now_s, each))
+            state.event_sink.report(events.AnsweredAfterBreak(state.now_s, each))
             self._apply_stop_rules(each)
-        state.headset_time.questions_due = False
+        state.headset_time.break_questions_due = False
         return self._begin_trial()
 
-    def skip(self) -> phases.TrialStart:
+    def skip(self) -> phases.PhaseAtTrialStart:
         """Continue without the answers."""
-        self.state.headset_time.questions_due = False
+        self.state.headset_time.break_questions_due = False
         return self._begin_trial()

@@ -5,19 +5,19 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Self
 
-from avrgym.questionnaires.questionnaire import Item, translate
-from avrgym.texts.interface_texts import Text
-from avrgym.vr.headset_check import is_ready, result_message
+from avrgym.questionnaires.questionnaire import Item, translate_items
+from avrgym.texts.interface_texts import ParticipantText
+from avrgym.vr.headset_check import is_headset_ready, result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
-from avrgym.vr.session.phases.kinds import VrPhase, text_for_arms
+from avrgym.vr.session.phases.kinds import VrPhase, arm_text_key
 from avrgym.vr.session.plan import HeadsetCheckPlan
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 
 YES_ANSWER = 1
-MAX_FAULTS_SHOWN = 2
+MAX_SHOWN_FAULTS = 2
 """Maximum number of faults that the participant sees. Events, database and terminal contain all faults."""
 HAPTICS_ITEM = Item(
     "haptics",
@@ -55,159 +55,159 @@ class HeadsetCheckPhase(VrPhase):
         assert self.state.plan.headset_check is not None
         return self.state.plan.headset_check
 
-    def skip(self) -> phases.Calibration | phases.LoadCalibration:
+    def skip(self) -> phases.Calibration | phases.LoadingCalibration:
         self.state.headset_checked = True
-        self.state.sink.report(events.HeadsetCheckSkipped(self.state.now_s))
+        self.state.event_sink.report(events.HeadsetCheckSkipped(self.state.now_s))
         return self._calibrate_again()
 
-    def _ask_senses(self) -> CheckFeedback | CheckResult:
+    def _ask_senses(self) -> FeedbackTest | HeadsetCheckResult:
         """Returns the phase that asks about haptics and sound, if the plan has them; otherwise the result."""
         plan = self.state.plan
         asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_controller) + [
             SOUND_ITEM
         ] * plan.sounds
         if asked:
-            return CheckFeedback(self.state, self._measurement, asked)
-        return CheckResult(self.state, self._measurement, {})
+            return FeedbackTest(self.state, self._measurement, asked)
+        return HeadsetCheckResult(self.state, self._measurement, {})
 
 
-class CheckStart(HeadsetCheckPhase):
+class HeadsetCheckStart(HeadsetCheckPhase):
     """The participant prepares for the check and starts it with the trigger. This also tests the trigger."""
 
     name = "headset"
-    message = Text("headset_check")
+    message = ParticipantText("headset_check")
     awaits_ready = True
     moves = False
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state, HeadsetMeasurement())
 
-    def on_ready(self) -> CheckAtRest | Self:
-        if not self.state.worlds.is_shown:
+    def on_ready(self) -> JitterMeasurement | Self:
+        if not self.state.trial_worlds.is_scene_shown:
             return self._refuse("loading")
-        return CheckAtRest(self.state, self._measurement)
+        return JitterMeasurement(self.state, self._measurement)
 
 
-class TimedMeasurement(HeadsetCheckPhase, ABC):
+class HeadsetMeasurementPhase(HeadsetCheckPhase, ABC):
     """Base class of phases that measure for a limited time."""
 
     name = "headset_check"
-    at_rest = stretching = False
+    at_rest = arms_stretched = False
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
         super().on_tracking(tracking)
-        self._measurement.add_tracking(tracking, at_rest=self.at_rest, stretching=self.stretching)
+        self._measurement.add_tracking(tracking, at_rest=self.at_rest, stretching=self.arms_stretched)
 
     def on_latency(self, latency: messages.Latency) -> None:
-        taken = self.state.take_latency(latency)
+        taken = self.state.record_latency(latency)
         if taken is not None:
             self._measurement.add_latency(taken)
 
-    def on_frames(self, drawn: messages.HeadsetFrames) -> None:
+    def on_headset_frames(self, drawn: messages.HeadsetFrames) -> None:
         self._measurement.add_frames(drawn)
 
     @abstractmethod
-    def on_timeout(self) -> CheckStretched | CheckMoving | CheckStop:
+    def on_timeout(self) -> HandRangeMeasurement | DroppedFrameMeasurement | EmergencyStopTest:
         """Continue with the next measurement."""
 
 
-class CheckAtRest(TimedMeasurement):
+class JitterMeasurement(HeadsetMeasurementPhase):
     """Measures the jitter of tracking."""
 
-    message = Text("headset_at_rest")
+    message = ParticipantText("headset_at_rest")
     at_rest = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.seconds = self._durations.at_rest_s
+        self.time_limit_s = self._durations.rest_duration_s
 
-    def on_timeout(self) -> CheckStretched | CheckMoving:
+    def on_timeout(self) -> HandRangeMeasurement | DroppedFrameMeasurement:
         """Continue with the next measurement. Without a headset or without arms, the measurement with stretched arms
         is omitted."""
-        with_mouse = "mouse" in self.state.tracking.modalities
-        stretches = self.state.input.profile.used_arms and not with_mouse
-        return (CheckStretched if stretches else CheckMoving)(self.state, self._measurement)
+        with_mouse = "mouse" in self.state.tracking.hand_modalities
+        stretches = self.state.participant_input.profile.tracked_arms and not with_mouse
+        return (HandRangeMeasurement if stretches else DroppedFrameMeasurement)(self.state, self._measurement)
 
 
-class CheckStretched(TimedMeasurement):
+class HandRangeMeasurement(HeadsetMeasurementPhase):
     """Measures the range of hand tracking."""
 
-    stretching = True
+    arms_stretched = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.message = Text(text_for_arms("headset_stretched", state))
-        self.seconds = self._durations.stretched_s
+        self.message = ParticipantText(arm_text_key("headset_stretched", state))
+        self.time_limit_s = self._durations.stretch_duration_s
 
-    def on_timeout(self) -> CheckMoving:
-        return CheckMoving(self.state, self._measurement)
+    def on_timeout(self) -> DroppedFrameMeasurement:
+        return DroppedFrameMeasurement(self.state, self._measurement)
 
 
-class CheckMoving(TimedMeasurement):
+class DroppedFrameMeasurement(HeadsetMeasurementPhase):
     """Measures dropped frames during motion."""
 
-    message = Text("headset_moving")
+    message = ParticipantText("headset_moving")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.seconds = self._durations.moving_s
+        self.time_limit_s = self._durations.motion_duration_s
 
-    def on_timeout(self) -> CheckStop:
-        return CheckStop(self.state, self._measurement)
+    def on_timeout(self) -> EmergencyStopTest:
+        return EmergencyStopTest(self.state, self._measurement)
 
 
-class CheckStop(HeadsetCheckPhase):
+class EmergencyStopTest(HeadsetCheckPhase):
     """The participant tests the emergency stop."""
 
     name = "headset_stop"
-    message = Text("headset_stop")
+    message = ParticipantText("headset_stop")
     can_be_stopped = True
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement) -> None:
         super().__init__(state, measurement)
-        self.seconds = self._durations.test_stop_limit_s
+        self.time_limit_s = self._durations.test_stop_limit_s
         self._asked_s = state.now_s
 
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
-    ) -> CheckFeedback | CheckResult | Self:
+    ) -> FeedbackTest | HeadsetCheckResult | Self:
         """Store the participant's test stop and continue.
 
         A stop by the experimenter is accepted only if the participant's input profile contains it.
         """
         after_s = self.state.now_s - self._asked_s
         if by == "participant":
-            self._measurement.add_stop(method or "page", after_s)
-        elif "experimenter" in self.state.input.profile.stop_ways:
-            self._measurement.add_stop("experimenter", after_s)
+            self._measurement.add_test_stop(method or "page", after_s)
+        elif "experimenter" in self.state.participant_input.profile.stop_inputs:
+            self._measurement.add_test_stop("experimenter", after_s)
         else:
             return self._report(
                 "the participant must test the stop; to continue without it, skip the headset check"
             )
         return self._ask_senses()
 
-    def on_timeout(self) -> CheckFeedback | CheckResult:
-        self._measurement.add_stop("none")
+    def on_timeout(self) -> FeedbackTest | HeadsetCheckResult:
+        self._measurement.add_test_stop("none")
         return self._ask_senses()
 
 
-class CheckFeedback(HeadsetCheckPhase):
+class FeedbackTest(HeadsetCheckPhase):
     """The participant answers whether haptics and sound work."""
 
     name = "headset_check"
-    message = Text("questionnaire")
+    message = ParticipantText("questionnaire")
 
     def __init__(self, state: SessionState, measurement: HeadsetMeasurement, asked: list[Item]) -> None:
         super().__init__(state, measurement)
         self._asked, self._answers = asked, dict[str, bool]()
-        self._questions = Questions(translate(asked, state.plan.texts))
+        self._questions = QuestionSequence(translate_items(asked, state.plan.texts))
         self._next_s, self._ends_s = state.now_s + SIGNAL_INTERVAL_S, 0.0
 
     @property
     def question(self) -> messages.Question:
-        return self._questions.question()
+        return self._questions.current_question()
 
-    def wait(self) -> Self:
+    def poll(self) -> Self:
         """Repeat haptics or sound until the answer."""
         now_s, buzzes = (
             self.state.now_s,
@@ -221,16 +221,16 @@ class CheckFeedback(HeadsetCheckPhase):
             self.state.send(messages.Feedback(left_touched=False, right_touched=False, events=0))
         return self
 
-    def answer(self, answer: messages.Answer) -> CheckResult | Self:
+    def answer(self, answer: messages.Answer) -> HeadsetCheckResult | Self:
         try:
-            given = self._questions.take(answer)
+            given = self._questions.store_answer(answer)
         except ValueError as error:
             self.state.send(self.question)
             self._refuse("not_an_answer")
             return self._report(str(error))
         self._answers[given.item] = given.value == YES_ANSWER
-        if self._questions.done:
-            return CheckResult(self.state, self._measurement, self._answers)
+        if self._questions.all_answered:
+            return HeadsetCheckResult(self.state, self._measurement, self._answers)
         self.state.send(self.question)
         return self
 
@@ -238,7 +238,7 @@ class CheckFeedback(HeadsetCheckPhase):
         return self._asked[len(self._answers)] is item
 
 
-class CheckResult(HeadsetCheckPhase):
+class HeadsetCheckResult(HeadsetCheckPhase):
     """Shows whether the headset passed the check. If not, shows what to do."""
 
     name = "headset"
@@ -252,16 +252,16 @@ class CheckResult(HeadsetCheckPhase):
         self._check = measurement.result(
             haptics=answers.get(HAPTICS_ITEM.id),
             sound=answers.get(SOUND_ITEM.id),
-            used_arms=state.input.profile.used_arms,
+            used_arms=state.participant_input.profile.tracked_arms,
         )
-        self.message = result_message(self._check, MAX_FAULTS_SHOWN)
+        self.message = result_message(self._check, MAX_SHOWN_FAULTS)
 
     def on_enter(self) -> None:
-        self.state.headset = self._check
-        self.state.sink.report(events.HeadsetChecked(self.state.now_s, self._check))
+        self.state.headset_check_result = self._check
+        self.state.event_sink.report(events.HeadsetChecked(self.state.now_s, self._check))
 
-    def on_ready(self) -> CheckStart | phases.Calibration | phases.LoadCalibration:
-        if not is_ready(self._check):
-            return CheckStart(self.state)
+    def on_ready(self) -> HeadsetCheckStart | phases.Calibration | phases.LoadingCalibration:
+        if not is_headset_ready(self._check):
+            return HeadsetCheckStart(self.state)
         self.state.headset_checked = True
         return self._calibrate_again()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.texts.interface_texts import Text
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.kinds import BetweenTrialsPhase
@@ -12,42 +12,42 @@ from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import SessionState
 
 
-class Paused(BetweenTrialsPhase):
+class SessionPaused(BetweenTrialsPhase):
     """The robot does not move until the participant presses the trigger, or the experimenter continues."""
 
     name = "paused"
 
-    def __init__(self, state: SessionState, message: Text) -> None:
+    def __init__(self, state: SessionState, message: ParticipantText) -> None:
         super().__init__(state)
         self.message = message
 
-    def on_ready(self) -> phases.TrialStart | Self:
-        if self.state.on_hold:
+    def on_ready(self) -> phases.PhaseAtTrialStart | Self:
+        if self.state.is_paused:
             return self._refuse("paused_by_experimenter")
         return super().on_ready()
 
-    def resume(self) -> phases.TrialStart | Self:
-        held = self.state.on_hold
+    def resume(self) -> phases.PhaseAtTrialStart | Self:
+        held = self.state.is_paused
         super().resume()
         return self._begin_trial() if held else self
 
 
-class RecordingFailed(Paused):
+class RecordingFailed(SessionPaused):
     """An attempt could not be stored, and can be repeated."""
 
     def __init__(self, state: SessionState) -> None:
-        super().__init__(state, Text("recording_failed"))
+        super().__init__(state, ParticipantText("recording_failed"))
 
     def on_enter(self) -> None:
-        self.state.storage.discard_attempt()
+        self.state.attempt_storage.discard_attempt()
 
 
-class Finished(Phase):
+class SessionFinished(Phase):
     """The session is over. This is the last phase."""
 
     name = "finished"
 
-    def __init__(self, state: SessionState, message: Text) -> None:
+    def __init__(self, state: SessionState, message: ParticipantText) -> None:
         super().__init__(state)
         self.message = message
 
@@ -65,7 +65,7 @@ class Finished(Phase):
 
     def pause(self) -> Self:
         """Reject the request, because the session is over."""
-        return self if self.state.on_hold else self._report("the session is finished")
+        return self if self.state.is_paused else self._report("the session is finished")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
         """Reject the request, because the session is over."""

@@ -8,156 +8,156 @@ from __future__ import annotations
 from typing import Self
 
 from avrgym.recording.schema import Answer, AttemptEnd
-from avrgym.texts.interface_texts import Text
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.interruptions import UNTRACKED_TEXTS, Interruption
+from avrgym.vr.session.interruptions import UNTRACKED_TEXT_KEYS, Interruption
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 
 
-def text_for_arms(key: str, state: SessionState) -> str:
+def arm_text_key(key: str, state: SessionState) -> str:
     """Returns the key of a text about both arms, or about the only arm that the participant uses."""
-    return f"{key}_one" if len(state.input.profile.used_arms) == 1 else key
+    return f"{key}_one" if len(state.participant_input.profile.tracked_arms) == 1 else key
 
 
 class OngoingPhase(Phase):
     """Base class of all phases except the last."""
 
-    def enter_vr(self) -> phases.AfterEntering:
+    def enter_vr(self) -> phases.PhaseAfterEntering:
         state = self.state
-        state.away = None
-        state.abandon("interrupted")
+        state.absence_text = None
+        state.abandon_attempt("interrupted")
         if state.plan.headset_check is None or state.headset_checked:
             return self._calibrate_again()
         state.reset_location()
-        return phases.CheckStart(state)
+        return phases.HeadsetCheckStart(state)
 
-    def leave_vr(self) -> phases.AfterLeaving:
-        return self._wait_for_return(Text("waiting_left"))
+    def leave_vr(self) -> phases.PhaseAfterLeaving:
+        return self._wait_for_return(ParticipantText("waiting_left"))
 
-    def disconnect(self) -> phases.AfterLeaving:
+    def disconnect(self) -> phases.PhaseAfterLeaving:
         super().disconnect()
-        return self._wait_for_return(Text("waiting_lost"))
+        return self._wait_for_return(ParticipantText("waiting_lost"))
 
-    def end(self) -> phases.SessionEnd:
-        self.state.abandon("ended")
+    def end(self) -> phases.PhaseAtSessionEnd:
+        self.state.abandon_attempt("ended")
         return self._finish("ended")
 
-    def cancel(self) -> phases.SessionEnd:
+    def cancel(self) -> phases.PhaseAtSessionEnd:
         return self.end()
 
-    def fail(self, error: Exception) -> phases.RecordingFailed:
-        self.state.world.hold()
+    def on_storage_failure(self, error: Exception) -> phases.RecordingFailed:
+        self.state.world.stop_robot()
         self.state.end_attempt("failed")
-        self.state.report(f"the trial cannot be recorded: {error}")
+        self.state.report_problem(f"the trial cannot be recorded: {error}")
         return phases.RecordingFailed(self.state)
 
-    def trial_stored(self) -> phases.Finished | Self:
-        return self._finish("finished") if self.state.trial == len(self.state.plan.trials) else self
+    def on_trial_stored(self) -> phases.SessionFinished | Self:
+        return self._finish("finished") if self.state.trial_index == len(self.state.plan.trials) else self
 
-    def _wait_for_return(self, why: Text) -> phases.Waiting:
-        self.state.away = why
-        self.state.abandon("interrupted")
-        return phases.Waiting(self.state, why)
+    def _wait_for_return(self, why: ParticipantText) -> phases.WaitingForParticipant:
+        self.state.absence_text = why
+        self.state.abandon_attempt("interrupted")
+        return phases.WaitingForParticipant(self.state, why)
 
-    def _finish(self, key: str) -> phases.Finished:
-        self.state.trial = len(self.state.plan.trials)
-        return phases.Finished(self.state, Text(key))
+    def _finish(self, key: str) -> phases.SessionFinished:
+        self.state.trial_index = len(self.state.plan.trials)
+        return phases.SessionFinished(self.state, ParticipantText(key))
 
-    def _calibrate_again(self) -> phases.Calibration | phases.LoadCalibration:
+    def _calibrate_again(self) -> phases.Calibration | phases.LoadingCalibration:
         """Calibrate the participant again, in the current trial's seat or bed."""
         self.state.reset_location()
-        in_place = self.state.world.environment_id == self.state.current.environment
-        return phases.Calibration(self.state) if in_place else phases.LoadCalibration(self.state)
+        in_place = self.state.world.environment_id == self.state.current_trial.environment
+        return phases.Calibration(self.state) if in_place else phases.LoadingCalibration(self.state)
 
-    def _next_trial(self) -> phases.TrialStart | phases.Finished:
+    def _next_trial(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
         """Continue with the next trial, or finish after the last."""
-        self.state.trial = self.state.following
-        more = self.state.trial < len(self.state.plan.trials)
+        self.state.trial_index = self.state.next_trial_index
+        more = self.state.trial_index < len(self.state.plan.trials)
         return self._begin_trial() if more else self._finish("finished")
 
-    def _begin_trial(self) -> phases.TrialStart:
+    def _begin_trial(self) -> phases.PhaseAtTrialStart:
         """Start the next attempt if all conditions are met. Otherwise returns the phase that waits for the missing one.
 
         Conditions: the previous trial is stored, no break is due, the world is built, the participant is calibrated,
         ready and tracked and sees the scene, and the session is not paused.
         """
         state = self.state
-        if state.storage.completing is not None:
-            return phases.Storing(state)
-        if state.away is not None:
-            return phases.Waiting(state, state.away)
-        if state.headset_time.is_over:
+        if state.attempt_storage.completing_trial_index is not None:
+            return phases.StoringTrial(state)
+        if state.absence_text is not None:
+            return phases.WaitingForParticipant(state, state.absence_text)
+        if state.headset_time.is_limit_reached:
             return self._finish("time_over")
         if state.headset_time.break_is_due:
             return phases.Break(state)
-        if state.headset_time.questions_due and state.plan.break_items:
+        if state.headset_time.break_questions_due and state.plan.break_items:
             return phases.BreakQuestionnaire(state)
-        if not state.worlds.is_unused(state.trial, state.person):
-            return phases.LoadTrial(state)
-        if state.calibrated_for != state.world.scene_config.posture:
+        if not state.trial_worlds.is_unused(state.trial_index, state.person):
+            return phases.LoadingTrial(state)
+        if state.calibrated_posture != state.world.scene_config.posture:
             return phases.Calibration(state)
-        if state.on_hold:
-            return phases.Paused(state, Text("break" if state.pause_reason else "paused"))
+        if state.is_paused:
+            return phases.SessionPaused(state, ParticipantText("break" if state.pause_reason else "paused"))
         if state.visibility != "visible":
-            return phases.Paused(state, Text("not_visible"))
-        if state.ready_for != state.trial:
-            return phases.ConfirmReady(state)
-        if state.untracked is not None:
-            return phases.Paused(state, Text(UNTRACKED_TEXTS[state.untracked]))
+            return phases.SessionPaused(state, ParticipantText("not_visible"))
+        if state.ready_trial_index != state.trial_index:
+            return phases.ReadyConfirmation(state)
+        if state.untracked_part is not None:
+            return phases.SessionPaused(state, ParticipantText(UNTRACKED_TEXT_KEYS[state.untracked_part]))
         try:
             state.begin_attempt()
         except OSError as error:
-            return self.fail(error)
-        return phases.FreeMovementBefore(state)
+            return self.on_storage_failure(error)
+        return phases.FreeMovementBeforeTrial(state)
 
-    def _complete_trial(self) -> phases.TrialStart | phases.Finished:
+    def _complete_trial(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
         """End the attempt as completed and continue. If it cannot be stored, the next phase reports this."""
         state = self.state
         recording_failure = state.end_attempt("completed")
-        stored = state.sink.has_stored_all()
-        failure = recording_failure or state.sink.failure
+        stored = state.event_sink.has_stored_all()
+        failure = recording_failure or state.event_sink.failure
         if failure is not None:
-            return self.fail(failure)
+            return self.on_storage_failure(failure)
         if stored:
             return self._next_trial()
-        state.storage.completing = state.following - 1
-        return phases.Storing(state)
+        state.attempt_storage.completing_trial_index = state.next_trial_index - 1
+        return phases.StoringTrial(state)
 
 
 class VrPhase(OngoingPhase):
     """The participant is in VR."""
 
-    def on_origin_reset(self) -> phases.AfterEntering:
+    def on_origin_reset(self) -> phases.PhaseAfterEntering:
         return self.enter_vr()
 
 
 class LocatedPhase(VrPhase):
     """The participant's position and direction are known, so a trial can start."""
 
-    in_place = True
+    participant_located = True
 
-    def repeat(self) -> phases.TrialStart:
-        self.state.abandon("repeated")
+    def repeat(self) -> phases.PhaseAtTrialStart:
+        self.state.abandon_attempt("repeated")
         return self._begin_trial()
 
-    def skip(self) -> phases.TrialStart | phases.Finished:
-        self.state.abandon("skipped")
-        self.state.sink.report(events.TrialSkipped(self.state.now_s, self.state.trial + 1))
+    def skip(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
+        self.state.abandon_attempt("skipped")
+        self.state.event_sink.report(events.TrialSkipped(self.state.now_s, self.state.trial_index + 1))
         return self._next_trial()
 
-    def repeat_calibration(self) -> phases.Calibration | phases.LoadCalibration:
-        self.state.abandon("interrupted")
-        self.state.height_known = False
+    def repeat_calibration(self) -> phases.Calibration | phases.LoadingCalibration:
+        self.state.abandon_attempt("interrupted")
+        self.state.torso_height_known = False
         return self._calibrate_again()
 
-    def correct_torso_height(self, torso_height_m: float) -> phases.LoadCheck | Self:
+    def correct_torso_height(self, torso_height_m: float) -> phases.LoadingBodyCheck | Self:
         if not self.state.correct_torso_height(torso_height_m):
             return self
-        self.state.abandon("interrupted")
-        return phases.LoadCheck(self.state)
+        self.state.abandon_attempt("interrupted")
+        return phases.LoadingBodyCheck(self.state)
 
 
 class RobotFinishedPhase(LocatedPhase):
@@ -165,49 +165,52 @@ class RobotFinishedPhase(LocatedPhase):
 
     robot_finished = True
 
-    def enter_vr(self) -> phases.AfterRobot:
-        self.state.away = None
+    def enter_vr(self) -> phases.PhaseAfterRobot:
+        self.state.absence_text = None
         self.state.reset_location()
         return self._ask()
 
-    def on_origin_reset(self) -> phases.AfterRobot:
+    def on_origin_reset(self) -> phases.PhaseAfterRobot:
         return self.enter_vr()
 
-    def leave_vr(self) -> phases.AfterRobot:
-        return self._continue_without_participant(Text("waiting_left"))
+    def leave_vr(self) -> phases.PhaseAfterRobot:
+        return self._continue_without_participant(ParticipantText("waiting_left"))
 
-    def disconnect(self) -> phases.AfterRobot:
+    def disconnect(self) -> phases.PhaseAfterRobot:
         Phase.disconnect(self)
-        return self._continue_without_participant(Text("waiting_lost"))
+        return self._continue_without_participant(ParticipantText("waiting_lost"))
 
-    def end(self) -> phases.SessionEnd:
+    def end(self) -> phases.PhaseAtSessionEnd:
         failure = self.state.complete_attempt()
-        return self._finish("ended") if failure is None else self.fail(failure)
+        return self._finish("ended") if failure is None else self.on_storage_failure(failure)
 
-    def cancel(self) -> phases.SessionEnd:
+    def cancel(self) -> phases.PhaseAtSessionEnd:
         return self.end()
 
-    def repeat(self) -> phases.TrialStart | Self:
-        if self.state.storage.attempt is None:
+    def repeat(self) -> phases.PhaseAtTrialStart | Self:
+        if self.state.attempt_storage.attempt is None:
             return self._report("the trial is complete and cannot be repeated; only its questions are open")
         return super().repeat()
 
-    def skip(self) -> phases.TrialStart | phases.Finished:
+    def skip(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
         """Complete the trial without the missing answers, and continue."""
-        questionnaire_attempt = self.state.storage.questionnaire_attempt
+        questionnaire_attempt = self.state.attempt_storage.questionnaire_attempt
         assert questionnaire_attempt is not None
-        self.state.world.hold()
+        self.state.world.stop_robot()
         left = tuple(self._unanswered)
         if left:
             event = events.QuestionsLeft(
-                self.state.now_s, questionnaire_attempt.trial, questionnaire_attempt.attempt, left
+                self.state.now_s,
+                questionnaire_attempt.trial_number,
+                questionnaire_attempt.attempt_number,
+                left,
             )
             self.state.record_event("questions_left", ", ".join(left))
-            self.state.sink.report(event)
+            self.state.event_sink.report(event)
         return self._complete_trial()
 
     def repeat_calibration(self) -> Self:
-        self.state.height_known, self.state.calibrated_for = False, None
+        self.state.torso_height_known, self.state.calibrated_posture = False, None
         return self._report("the calibration starts after the questions")
 
     def correct_torso_height(self, torso_height_m: float) -> Self:
@@ -216,31 +219,35 @@ class RobotFinishedPhase(LocatedPhase):
 
     @property
     def _unanswered(self) -> list[str]:
-        return [item.id for item in self.state.plan.questionnaire_after(self.state.current)]
+        return [item.id for item in self.state.plan.questionnaire_after(self.state.current_trial)]
 
-    def _continue_without_participant(self, why: Text) -> phases.AfterRobot:
+    def _continue_without_participant(self, why: ParticipantText) -> phases.PhaseAfterRobot:
         """Close the recording. On return, the participant answers the open questions and is then calibrated again."""
-        self.state.away = why
+        self.state.absence_text = why
         failure = self.state.complete_attempt()
         if failure is not None:
-            return self.fail(failure)
+            return self.on_storage_failure(failure)
         self.state.reset_location()
         return self._ask()
 
-    def _ask(self) -> phases.AfterRobot:
+    def _ask(self) -> phases.PhaseAfterRobot:
         """Start the questionnaire of the trial, or continue without one."""
-        items = self.state.plan.questionnaire_after(self.state.current)
-        return phases.Questionnaire(self.state, Questions(items)) if items else self._complete_trial()
+        items = self.state.plan.questionnaire_after(self.state.current_trial)
+        return (
+            phases.TrialQuestionnaire(self.state, QuestionSequence(items))
+            if items
+            else self._complete_trial()
+        )
 
 
-class QuestionsPhase(LocatedPhase):
+class QuestionnairePhase(LocatedPhase):
     """The participant answers questions, one after another."""
 
-    _questions: Questions
+    _questions: QuestionSequence
 
     @property
     def question(self) -> messages.Question:
-        return self._questions.question()
+        return self._questions.current_question()
 
     def go_back(self) -> Self:
         if not self._questions.go_back():
@@ -251,7 +258,7 @@ class QuestionsPhase(LocatedPhase):
     def _take(self, answer: messages.Answer) -> Answer | None:
         """Store and return the answer to the current question. Rejects an invalid answer and returns ``None``."""
         try:
-            return self._questions.take(answer)
+            return self._questions.store_answer(answer)
         except ValueError as error:
             self.state.send(self.question)
             self._refuse("not_an_answer")
@@ -269,19 +276,21 @@ class BetweenTrialsPhase(LocatedPhase):
 
     awaits_ready = can_recalibrate = can_choose_body = True
 
-    def recalibrate(self) -> phases.Calibration | phases.LoadCalibration:
-        self.state.height_known = False
+    def recalibrate(self) -> phases.Calibration | phases.LoadingCalibration:
+        self.state.torso_height_known = False
         return self._calibrate_again()
 
     def choose_body(
         self, choice: messages.ChooseBody, by: events.Initiator
-    ) -> phases.Calibration | phases.LoadCalibration | phases.LoadCheck | Self:
+    ) -> phases.Calibration | phases.LoadingCalibration | phases.LoadingBodyCheck | Self:
         if not self.state.choose_body(choice, by):
             return self
-        return phases.LoadCheck(self.state) if self.state.height_known else self._calibrate_again()
+        return (
+            phases.LoadingBodyCheck(self.state) if self.state.torso_height_known else self._calibrate_again()
+        )
 
-    def on_ready(self) -> phases.TrialStart | Self:
-        self.state.ready_for = self.state.trial
+    def on_ready(self) -> phases.PhaseAtTrialStart | Self:
+        self.state.ready_trial_index = self.state.trial_index
         return self._begin_trial()
 
     @property
@@ -303,28 +312,30 @@ class StoppablePhase(LocatedPhase):
 
     moves = can_be_stopped = True
 
-    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> phases.Paused:
+    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> phases.SessionPaused:
         return self._interrupt_attempt(
-            "stopped", events.Stopped(self.state.now_s, by, method), Text("stopped")
+            "stopped", events.Stopped(self.state.now_s, by, method), ParticipantText("stopped")
         )
 
-    def pause(self) -> phases.TrialStart | Self:
-        if self.state.on_hold:
+    def pause(self) -> phases.PhaseAtTrialStart | Self:
+        if self.state.is_paused:
             return self
         super().pause()
-        self.state.abandon("paused")
+        self.state.abandon_attempt("paused")
         return self._begin_trial()
 
-    def interrupt(self, interruption: Interruption) -> phases.Paused:
-        self.state.record_event(interruption.name, interruption.why)
-        self.state.report(f"{interruption.why}: the attempt is interrupted, and the trial is repeated")
-        return self._interrupt_attempt("interrupted", interruption.event, interruption.message)
+    def interrupt(self, interruption: Interruption) -> phases.SessionPaused:
+        self.state.record_event(interruption.event_name, interruption.reason)
+        self.state.report_problem(
+            f"{interruption.reason}: the attempt is interrupted, and the trial is repeated"
+        )
+        return self._interrupt_attempt("interrupted", interruption.event, interruption.participant_text)
 
     def _interrupt_attempt(
-        self, result: AttemptEnd, event: events.SessionEvent, message: Text
-    ) -> phases.Paused:
+        self, result: AttemptEnd, event: events.SessionEvent, message: ParticipantText
+    ) -> phases.SessionPaused:
         """Stop the robot and end the attempt. The participant's trigger repeats the trial."""
-        self.state.abandon(result)
-        self.state.sink.report(event)
-        self.state.worlds.prepare(self.state.trial, self.state.person)
-        return phases.Paused(self.state, message)
+        self.state.abandon_attempt(result)
+        self.state.event_sink.report(event)
+        self.state.trial_worlds.prepare(self.state.trial_index, self.state.person)
+        return phases.SessionPaused(self.state, message)

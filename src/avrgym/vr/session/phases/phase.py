@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Self
 
-from avrgym.commands.vocabulary import CommandName, Source
-from avrgym.tasks.control_loop import ControlStep
-from avrgym.texts.interface_texts import ENGLISH, Text
+from avrgym.commands.vocabulary import CommandName, CommandSource
+from avrgym.tasks.control_loop import FirstWorldStep
+from avrgym.texts.interface_texts import ENGLISH_TEXTS, ParticipantText
 from avrgym.vr.live_world.drivers import Driver
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import PhaseName, StopMethod
@@ -19,19 +19,19 @@ class Phase:
     """One phase of a session. ``message``: the text for the participant. ``seconds``: duration; ``None`` is unlimited.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
-    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid. ``in_place``: the
-    participant's position and direction are known, so a trial can start. ``awaits_ready``: the trigger continues.
-    ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body can be changed, because
-    no trial runs.
+    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid.
+    ``participant_located``: the participant's position and direction are known, so a trial can start. ``awaits_ready``:
+    the trigger continues. ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body
+    can be changed, because no trial runs.
     """
 
     name: ClassVar[PhaseName]
-    message: Text
-    seconds: float | None = None
+    message: ParticipantText
+    time_limit_s: float | None = None
     moves: ClassVar[bool] = False
     can_be_stopped: ClassVar[bool] = False
     robot_finished: ClassVar[bool] = False
-    in_place: ClassVar[bool] = False
+    participant_located: ClassVar[bool] = False
     awaits_ready: ClassVar[bool] = False
     can_recalibrate: ClassVar[bool] = False
     can_choose_body: ClassVar[bool] = False
@@ -56,13 +56,13 @@ class Phase:
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
         """Add a tracking frame to the tracking of the session."""
-        self.state.tracking.take(tracking, self.state.now_s)
+        self.state.tracking.add_frame(tracking, self.state.now_s)
 
     def on_latency(self, latency: messages.Latency) -> None:
         """Record the latencies of the last second."""
-        self.state.take_latency(latency)
+        self.state.record_latency(latency)
 
-    def on_frames(self, drawn: messages.HeadsetFrames) -> None:
+    def on_headset_frames(self, drawn: messages.HeadsetFrames) -> None:
         """Store the intervals between the frames of the last second. Only the headset check uses them."""
 
     def enter_vr(self) -> Phase:
@@ -75,7 +75,7 @@ class Phase:
 
     def disconnect(self) -> Phase:
         """Handle the loss of the participant's connection. Returns the next phase."""
-        self.state.sink.report(events.ConnectionLost(self.state.now_s))
+        self.state.event_sink.report(events.ConnectionLost(self.state.now_s))
         return self
 
     def on_origin_reset(self) -> Phase:
@@ -107,7 +107,7 @@ class Phase:
         """Go back to the previous question, to change its answer. Returns the next phase."""
         return self._refuse("no_way_back")
 
-    def command_robot(self, command: CommandName, source: Source) -> None:
+    def command_robot(self, command: CommandName, source: CommandSource) -> None:
         """Handle a command to the robot, except ``stop``."""
         self.state.ignore_command(command, source, "no trial runs")
 
@@ -128,17 +128,17 @@ class Phase:
 
     def pause(self) -> Phase:
         """Prevent trials until ``resume``. This interrupts a running trial, which is repeated later."""
-        if not self.state.on_hold:
-            self.state.on_hold = True
-            self.state.sink.report(events.Paused(self.state.now_s))
+        if not self.state.is_paused:
+            self.state.is_paused = True
+            self.state.event_sink.report(events.Paused(self.state.now_s))
         return self
 
     def resume(self) -> Phase:
         """Allow trials again."""
-        if not self.state.on_hold:
+        if not self.state.is_paused:
             return self._report("the session is not paused")
-        self.state.on_hold, self.state.pause_reason = False, ""
-        self.state.sink.report(events.Continued(self.state.now_s))
+        self.state.is_paused, self.state.pause_reason = False, ""
+        self.state.event_sink.report(events.Continued(self.state.now_s))
         return self
 
     def repeat(self) -> Phase:
@@ -158,7 +158,7 @@ class Phase:
         self.state.correct_torso_height(torso_height_m)
         return self
 
-    def drive(self, wish: messages.Drive) -> None:
+    def drive(self, command: messages.Drive) -> None:
         """Move the robot's hand, if the driver is an operator."""
 
     def end(self) -> Phase:
@@ -176,29 +176,29 @@ class Phase:
 
         If the robot has finished, the attempt continues.
         """
-        self.state.record_event(interruption.name, interruption.why)
-        self.state.sink.report(interruption.event)
-        return self._report(interruption.why)
+        self.state.record_event(interruption.event_name, interruption.reason)
+        self.state.event_sink.report(interruption.event)
+        return self._report(interruption.reason)
 
     @property
     def driver(self) -> Driver | None:
         """The driver of the robot; ``None`` if the robot does not move in this phase."""
         return None
 
-    def finish_step(self, step: ControlStep) -> Phase:
+    def on_control_step(self, step: FirstWorldStep) -> Phase:
         """Handle a finished control step of the robot. Returns the next phase."""
         return self
 
-    def fail(self, error: Exception) -> Phase:
+    def on_storage_failure(self, error: Exception) -> Phase:
         """Handle an event or attempt that cannot be stored. Returns the next phase."""
-        self.state.report(f"the session cannot be stored: {error}")
+        self.state.report_problem(f"the session cannot be stored: {error}")
         return self
 
-    def trial_stored(self) -> Phase:
+    def on_trial_stored(self) -> Phase:
         """Handle the stored completion of a trial. Returns the next phase."""
         return self
 
-    def wait(self) -> Phase:
+    def poll(self) -> Phase:
         """Returns the next phase if the event for which this phase waits has occurred; otherwise this phase."""
         return self
 
@@ -211,14 +211,14 @@ class Phase:
     def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
         """Reject a request, and show the text ``key`` to its sender."""
         if by == "participant":
-            self.state.explain(Text(key))
+            self.state.explain_rejection(ParticipantText(key))
         else:
-            self.state.report(ENGLISH.render(Text(key)))
+            self.state.report_problem(ENGLISH_TEXTS.render(ParticipantText(key)))
         return self
 
     def _report(self, why: str) -> Self:
         """Report to the experimenter why a request is rejected."""
-        self.state.report(why)
+        self.state.report_problem(why)
         return self
 
     def _refuse_out_of_place(self) -> Self:

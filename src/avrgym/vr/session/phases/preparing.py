@@ -10,36 +10,36 @@ from typing import ClassVar, Self
 import msgspec
 
 from avrgym.commands.preferences import describe_preferences
-from avrgym.questionnaires.questionnaire import translate
+from avrgym.questionnaires.questionnaire import translate_items
 from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
-from avrgym.texts.interface_texts import Text, TextError
+from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.phases.kinds import (
     BetweenTrialsPhase,
     OngoingPhase,
-    QuestionsPhase,
+    QuestionnairePhase,
     VrPhase,
-    text_for_arms,
+    arm_text_key,
 )
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 from avrgym.vr.tracking.calibration import arm_length_m, measure_arm_scale, measure_torso_height
 from avrgym.vr.tracking.frames import body_pose
 
-_PUT_ON = Text("waiting")
-REACH_S, REACH_FRAMES = 5.0, 60
+_PUT_ON = ParticipantText("waiting")
+REACH_POSE_DURATION_S, MAX_REACH_FRAMES = 5.0, 60
 """Duration of each pose with stretched arms, in seconds. Only this number of its last frames is used."""
 
 
-class Waiting(OngoingPhase):
+class WaitingForParticipant(OngoingPhase):
     """The participant is not in VR."""
 
     name = "waiting"
     can_choose_body = True
 
-    def __init__(self, state: SessionState, message: Text = _PUT_ON) -> None:
+    def __init__(self, state: SessionState, message: ParticipantText = _PUT_ON) -> None:
         super().__init__(state)
         self.message = message
 
@@ -57,7 +57,7 @@ class Calibration(VrPhase):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         seated = state.world.scene_config.posture.seated
-        self.message = Text("calibration_seated" if seated else "calibration_lying")
+        self.message = ParticipantText("calibration_seated" if seated else "calibration_lying")
         state.tracking.reset_location()
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
@@ -69,60 +69,63 @@ class Calibration(VrPhase):
             self.state.send_changed_scene()
         return self
 
-    def on_ready(self) -> LoadCheck | ReachForward | Self:
+    def on_ready(self) -> LoadingBodyCheck | ReachForward | Self:
         """Calibrate torso height, position and direction from the last half second of tracking.
 
         Without a headset, and if the participant uses no arm, the arms are not measured.
         """
         state = self.state
-        measured, posture = not state.height_known, state.world.scene_config.posture
+        measured, posture = not state.torso_height_known, state.world.scene_config.posture
         try:
-            head = state.tracking.steady_head(state.now_s)
+            head = state.tracking.steady_headset_pose(state.now_s)
             if measured:
                 height_m = measure_torso_height(state.person.sex, posture, head, state.plan.furniture)
                 state.set_torso_height(height_m)
-        except TextError as error:
-            state.explain(error.text)
+        except ParticipantActionError as error:
+            state.explain_rejection(error.text)
             return self
-        state.calibrated_for = posture
-        state.tracking.place(head, state.person, posture)
-        state.sink.report(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
-        with_headset = "mouse" not in state.tracking.modalities
+        state.calibrated_posture = posture
+        state.tracking.place_seat(head, state.person, posture)
+        state.event_sink.report(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
+        with_headset = "mouse" not in state.tracking.hand_modalities
         measures_reach = (
-            measured and state.plan.measure_reach and with_headset and state.input.profile.used_arms
+            measured
+            and state.plan.measure_reach
+            and with_headset
+            and state.participant_input.profile.tracked_arms
         )
-        return ReachForward(state) if measures_reach else LoadCheck(state)
+        return ReachForward(state) if measures_reach else LoadingBodyCheck(state)
 
 
 class ReachMeasurement(VrPhase, ABC):
     """The participant stretches the arms to measure their length. The trigger skips the measurement."""
 
     name = "reach"
-    seconds = REACH_S
+    time_limit_s = REACH_POSE_DURATION_S
     awaits_ready = True
-    pose_text: ClassVar[str]
+    pose_text_key: ClassVar[str]
 
     def __init__(self, state: SessionState, reached_m: Sequence[float] = ()) -> None:
         super().__init__(state)
-        self.message = Text(text_for_arms(self.pose_text, state))
+        self.message = ParticipantText(arm_text_key(self.pose_text_key, state))
         self._reached_m, self._seen_m = tuple(reached_m), list[float]()
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
-        """Add a tracking frame. Only the last ``REACH_FRAMES`` frames are used."""
+        """Add a tracking frame. Only the last ``MAX_REACH_FRAMES`` frames are used."""
         state = self.state
-        frame = state.tracking.take(tracking, state.now_s)
-        if not frame.usable or state.tracking.registration is None:
+        frame = state.tracking.add_frame(tracking, state.now_s)
+        if not frame.is_usable or state.tracking.registration is None:
             return
-        resting = [arm for arm in ARMS if arm not in state.input.profile.used_arms]
+        resting = [arm for arm in ARMS if arm not in state.participant_input.profile.tracked_arms]
         tracking = msgspec.structs.replace(frame.tracking, **dict.fromkeys(resting))
         pose = body_pose(state.tracking.registration, tracking)
         length_m = arm_length_m(state.person, state.world.scene_config.posture, pose)
         if length_m is not None:
-            self._seen_m = [*self._seen_m[1 - REACH_FRAMES :], length_m]
+            self._seen_m = [*self._seen_m[1 - MAX_REACH_FRAMES :], length_m]
 
-    def on_ready(self) -> LoadCheck:
+    def on_ready(self) -> LoadingBodyCheck:
         """Skip the measurement. The virtual arms then have mean length."""
-        return LoadCheck(self.state)
+        return LoadingBodyCheck(self.state)
 
     @property
     def _all_m(self) -> tuple[float, ...]:
@@ -133,104 +136,104 @@ class ReachMeasurement(VrPhase, ABC):
 class ReachForward(ReachMeasurement):
     """The arms are stretched to the front."""
 
-    pose_text = "reach_ahead"
+    pose_text_key = "reach_ahead"
 
-    def on_timeout(self) -> ReachSideways | LoadCheck:
+    def on_timeout(self) -> ReachSideways | LoadingBodyCheck:
         if self._all_m:
             return ReachSideways(self.state, self._all_m)
-        self.state.explain(Text("reach_unseen"))
-        return LoadCheck(self.state)
+        self.state.explain_rejection(ParticipantText("reach_unseen"))
+        return LoadingBodyCheck(self.state)
 
 
 class ReachSideways(ReachMeasurement):
     """The arms are stretched out to the sides."""
 
-    pose_text = "reach_aside"
+    pose_text_key = "reach_aside"
 
-    def on_timeout(self) -> LoadCheck:
+    def on_timeout(self) -> LoadingBodyCheck:
         state = self.state
         if not self._all_m:
-            state.explain(Text("reach_unseen"))
-            return LoadCheck(state)
+            state.explain_rejection(ParticipantText("reach_unseen"))
+            return LoadingBodyCheck(state)
         try:
             state.set_arm_scale(measure_arm_scale(state.person, self._all_m))
         except ValueError as error:
-            state.explain(Text("reach_unlikely"))
-            state.report(str(error))
-        return LoadCheck(state)
+            state.explain_rejection(ParticipantText("reach_unlikely"))
+            state.report_problem(str(error))
+        return LoadingBodyCheck(state)
 
 
 class LoadingPhase(VrPhase, ABC):
     """The current trial's world is being built and shown."""
 
     name = "loading"
-    message = Text("loading")
+    message = ParticipantText("loading")
 
     def on_enter(self) -> None:
-        self.state.worlds.prepare(self.state.trial, self.state.person)
+        self.state.trial_worlds.prepare(self.state.trial_index, self.state.person)
 
-    def wait(self) -> phases.AfterLoading | Self:
+    def poll(self) -> phases.PhaseAfterLoading | Self:
         """Show the prepared world. Continue when the client shows it."""
         state = self.state
-        if not state.worlds.is_unused(state.trial, state.person):
-            state.worlds.prepare(state.trial, state.person)
-            if not state.worlds.ready:
+        if not state.trial_worlds.is_unused(state.trial_index, state.person):
+            state.trial_worlds.prepare(state.trial_index, state.person)
+            if not state.trial_worlds.is_world_ready:
                 return self
             try:
-                state.worlds.switch()
+                state.trial_worlds.switch_world()
             except NoClearanceError as error:
-                state.report(f"the robot has no collision-free start: {error}")
-                return phases.Paused(state, Text("no_room"))
+                state.report_problem(f"the robot has no collision-free start: {error}")
+                return phases.SessionPaused(state, ParticipantText("no_room"))
             except Exception as error:  # the compiler and files may raise any exception
-                state.report(f"the scene cannot be created: {error}")
-                return phases.Paused(state, Text("scene_failed"))
+                state.report_problem(f"the scene cannot be created: {error}")
+                return phases.SessionPaused(state, ParticipantText("scene_failed"))
         state.send_changed_scene()
-        return self.loaded() if state.worlds.is_shown else self
+        return self.on_loaded() if state.trial_worlds.is_scene_shown else self
 
     @abstractmethod
-    def loaded(self) -> phases.AfterLoading:
+    def on_loaded(self) -> phases.PhaseAfterLoading:
         """Returns the next phase when the client shows the scene."""
 
 
-class LoadTrial(LoadingPhase):
+class LoadingTrial(LoadingPhase):
     """The trial starts when its world is shown."""
 
-    def loaded(self) -> phases.TrialStart:
+    def on_loaded(self) -> phases.PhaseAtTrialStart:
         return self._begin_trial()
 
 
-class LoadCalibration(LoadingPhase):
+class LoadingCalibration(LoadingPhase):
     """Calibration starts when the seat or bed is shown."""
 
-    def loaded(self) -> Calibration:
+    def on_loaded(self) -> Calibration:
         return Calibration(self.state)
 
 
-class LoadCheck(LoadingPhase):
+class LoadingBodyCheck(LoadingPhase):
     """The check of the body starts when the body is shown."""
 
-    def loaded(self) -> Check:
-        return Check(self.state)
+    def on_loaded(self) -> BodyCheck:
+        return BodyCheck(self.state)
 
 
-class Storing(VrPhase):
+class StoringTrial(VrPhase):
     """A completed trial is being stored."""
 
     name = "loading"
-    message = Text("storing")
+    message = ParticipantText("storing")
 
-    def wait(self) -> phases.TrialStart | Self:
-        return self if self.state.storage.completing is not None else self._begin_trial()
+    def poll(self) -> phases.PhaseAtTrialStart | Self:
+        return self if self.state.attempt_storage.completing_trial_index is not None else self._begin_trial()
 
 
-class Check(BetweenTrialsPhase):
+class BodyCheck(BetweenTrialsPhase):
     """The participant checks whether the virtual body and seat fit the real ones."""
 
     name = "check"
-    message = Text("check")
+    message = ParticipantText("check")
 
 
-class ConfirmReady(BetweenTrialsPhase):
+class ReadyConfirmation(BetweenTrialsPhase):
     """The trial's scene is shown. The trial starts when the participant is ready."""
 
     name = "ready"
@@ -240,29 +243,29 @@ class ConfirmReady(BetweenTrialsPhase):
         self.message = trial_text("ready", state, with_preferences=True)
 
 
-class PreferenceQuestionnaire(QuestionsPhase):
+class PreferenceQuestionnaire(QuestionnairePhase):
     """The participant changes their preferences for the robot. They apply from the next trial on."""
 
     name = "questionnaire"
-    message = Text("questionnaire")
+    message = ParticipantText("questionnaire")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        assert state.current.rules is not None
-        self._asked, before = state.preference_questions, state.current.rules.preferences
+        assert state.current_trial.rules is not None
+        self._asked, before = state.preference_questions, state.current_trial.rules.preferences
         self._before = {each.name: each.answer_of(before) for each in self._asked}
-        items = translate([each.item for each in self._asked], state.plan.texts)
-        self._questions = Questions(items, self._before, review=True)
+        items = translate_items([each.item for each in self._asked], state.plan.texts)
+        self._questions = QuestionSequence(items, self._before, review=True)
         self._given: dict[str, int] = {}
-        state.ready_for = -1
+        state.ready_trial_index = -1
 
-    def answer(self, answer: messages.Answer) -> phases.TrialStart | Self:
+    def answer(self, answer: messages.Answer) -> phases.PhaseAtTrialStart | Self:
         """Store the answer to the current question. The last answer changes the preferences."""
         given = self._take(answer)
         if given is None:
             return self
         self._given[given.item] = given.value
-        if not self._questions.done:
+        if not self._questions.all_answered:
             self.state.send(self.question)
             return self
         changes = {
@@ -274,20 +277,22 @@ class PreferenceQuestionnaire(QuestionsPhase):
             self.state.change_preferences(changes)
         return self._begin_trial()
 
-    def skip(self) -> phases.TrialStart:
+    def skip(self) -> phases.PhaseAtTrialStart:
         """Continue without a change."""
         return self._begin_trial()
 
 
-def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> Text:
+def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> ParticipantText:
     """Returns the text about the next trial: its number and its task.
 
     ``with_preferences``: also how the robot behaves in this trial, if the participant can influence it.
     """
-    plan, trial = state.plan, state.current
-    goal = plan.goal_of(trial)
+    plan, trial = state.plan, state.current_trial
+    goal = plan.goal_text(trial)
     if with_preferences and trial.rules is not None:
         goal = f"{goal} {describe_preferences(trial.rules.preferences, plan.texts.language)}"
-    number = {"trial": str(state.trial + 1), "trials": str(len(plan.trials))}
-    which = plan.texts.render(Text("practice") if trial.practice else Text("trial", number))
-    return Text(key, {"trial": which, "goal": goal})
+    number = {"trial": str(state.trial_index + 1), "trials": str(len(plan.trials))}
+    which = plan.texts.render(
+        ParticipantText("practice") if trial.practice else ParticipantText("trial", number)
+    )
+    return ParticipantText(key, {"trial": which, "goal": goal})

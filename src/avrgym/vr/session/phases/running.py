@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from typing import Self
 
-from avrgym.commands.vocabulary import CommandName, Source
-from avrgym.safety.withdrawal import WITHDRAWAL
-from avrgym.tasks.control_loop import ControlStep
-from avrgym.texts.interface_texts import Text
+from avrgym.commands.vocabulary import CommandName, CommandSource
+from avrgym.safety.withdrawal import WITHDRAWAL_DRIVER
+from avrgym.tasks.control_loop import FirstWorldStep
+from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import QuestionsPhase, RobotFinishedPhase, StoppablePhase
+from avrgym.vr.session.phases.kinds import QuestionnairePhase, RobotFinishedPhase, StoppablePhase
 from avrgym.vr.session.phases.preparing import trial_text
-from avrgym.vr.session.questions import Questions
+from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 
 
-class FreeMovementBefore(StoppablePhase):
+class FreeMovementBeforeTrial(StoppablePhase):
     """The participant moves freely before the robot starts."""
 
     name = "free_before"
@@ -26,7 +26,7 @@ class FreeMovementBefore(StoppablePhase):
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
         self.message = trial_text("free_before", state)
-        self.seconds = state.plan.free_movement_s
+        self.time_limit_s = state.plan.free_movement_s
 
     def on_timeout(self) -> Countdown:
         return Countdown(self.state)
@@ -36,131 +36,131 @@ class Countdown(StoppablePhase):
     """The robot is about to start. The countdown waits while the participant is untracked."""
 
     name = "countdown"
-    message = Text("countdown")
+    message = ParticipantText("countdown")
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.seconds = state.plan.countdown_s
+        self.time_limit_s = state.plan.countdown_s
 
-    def on_timeout(self) -> Trial | Self:
-        if self.state.tracking.lost:
+    def on_timeout(self) -> RunningTrial | Self:
+        if self.state.tracking.lost_parts:
             return self
-        self.state.worlds.mark_used()
-        return Trial(self.state)
+        self.state.trial_worlds.mark_used()
+        return RunningTrial(self.state)
 
 
-class Trial(StoppablePhase):
+class RunningTrial(StoppablePhase):
     """The robot moves."""
 
     name = "trial"
-    message = Text("helping")
+    message = ParticipantText("helping")
 
     @property
     def driver(self) -> Driver:
         return self.state.driver
 
-    def drive(self, wish: messages.Drive) -> None:
+    def drive(self, command: messages.Drive) -> None:
         if not isinstance(self.driver, OperatorDriver):
             self._report("in this trial no operator drives the robot")
         else:
-            self.driver.take_command(wish, self.state.now_s)
+            self.driver.apply_command(command, self.state.now_s)
 
-    def command_robot(self, command: CommandName, source: Source) -> None:
-        self.state.take_command(command, source)
+    def command_robot(self, command: CommandName, source: CommandSource) -> None:
+        self.state.handle_command(command, source)
 
     def on_tracking(self, tracking: messages.Tracking) -> None:
         super().on_tracking(tracking)
         if self.state.head_commands is not None:
-            for command, source in self.state.head_commands.gestures(tracking):
-                self.state.take_command(command, source)
+            for command, source in self.state.head_commands.gesture_commands(tracking):
+                self.state.handle_command(command, source)
 
-    def finish_step(self, step: ControlStep) -> Retreat | Self:
-        attempt = self.state.storage.attempt
+    def on_control_step(self, step: FirstWorldStep) -> RobotRetreat | Self:
+        attempt = self.state.attempt_storage.attempt
         assert attempt is not None
-        idle = bool(self.state.tracking.lost) or (not step.withdrawing and self.driver.idle)
-        driver = WITHDRAWAL if step.withdrawing else self.state.current.policy
+        idle = bool(self.state.tracking.lost_parts) or (not step.withdrawing and self.driver.idle)
+        driver = WITHDRAWAL_DRIVER if step.withdrawing else self.state.current_trial.policy
         attempt.record_step(step, driver, idle, self.state.now_s)
         attempt.record_pacing(self.state.world, step, self.state.now_s)
         if self.state.head_commands is not None:
-            for command, source in self.state.head_commands.gaze(self.state.world):
-                self.state.take_command(command, source)
+            for command, source in self.state.head_commands.gaze_commands(self.state.world):
+                self.state.handle_command(command, source)
         if attempt.steps < self.state.plan.trial_steps:
             return self
-        attempt.robot_finished(self.state.now_s)
-        return Retreat(self.state)
+        attempt.record_robot_finished(self.state.now_s)
+        return RobotRetreat(self.state)
 
 
-class Retreat(RobotFinishedPhase):
+class RobotRetreat(RobotFinishedPhase):
     """The robot moves its tool away from the person. The trial's results are already complete."""
 
     name = "retreat"
-    message = Text("retreat")
+    message = ParticipantText("retreat")
     moves = can_be_stopped = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        state.world.retreat()
+        state.world.start_retreat()
 
-    def wait(self) -> FreeMovementAfter | Self:
+    def poll(self) -> FreeMovementAfterTrial | Self:
         return self if self.state.world.retreating else self._hold()
 
-    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> FreeMovementAfter:
+    def stop(self, by: events.Initiator, method: messages.StopMethod | None = None) -> FreeMovementAfterTrial:
         self.state.record_event("retreat_stopped", by)
-        self.state.sink.report(events.Stopped(self.state.now_s, by, method))
+        self.state.event_sink.report(events.Stopped(self.state.now_s, by, method))
         return self._hold()
 
-    def pause(self) -> FreeMovementAfter:
+    def pause(self) -> FreeMovementAfterTrial:
         super().pause()
         return self._hold()
 
-    def interrupt(self, interruption: Interruption) -> FreeMovementAfter:
+    def interrupt(self, interruption: Interruption) -> FreeMovementAfterTrial:
         super().interrupt(interruption)
         return self._hold()
 
-    def _hold(self) -> FreeMovementAfter:
-        self.state.world.hold()
-        return FreeMovementAfter(self.state)
+    def _hold(self) -> FreeMovementAfterTrial:
+        self.state.world.stop_robot()
+        return FreeMovementAfterTrial(self.state)
 
 
-class FreeMovementAfter(RobotFinishedPhase):
+class FreeMovementAfterTrial(RobotFinishedPhase):
     """The participant moves freely after the robot has finished. Meanwhile, the world of the next trial is built."""
 
     name = "free_after"
-    message = Text("free_after")
+    message = ParticipantText("free_after")
     moves = True
 
     def __init__(self, state: SessionState) -> None:
         super().__init__(state)
-        self.seconds = state.plan.free_movement_s
+        self.time_limit_s = state.plan.free_movement_s
 
     def on_enter(self) -> None:
-        upcoming = self.state.trial + 1
+        upcoming = self.state.trial_index + 1
         if upcoming == len(self.state.plan.trials):
             return
-        self.state.worlds.prepare(upcoming, self.state.person)
-        url = self.state.worlds.upcoming(upcoming, self.state.person)
+        self.state.trial_worlds.prepare(upcoming, self.state.person)
+        url = self.state.trial_worlds.upcoming_scene_url(upcoming, self.state.person)
         if url is not None:
             self.state.send(messages.Upcoming(url=url))
 
-    def on_timeout(self) -> phases.AfterRobot:
+    def on_timeout(self) -> phases.PhaseAfterRobot:
         return self._ask()
 
 
-class Questionnaire(QuestionsPhase, RobotFinishedPhase):
+class TrialQuestionnaire(QuestionnairePhase, RobotFinishedPhase):
     """The participant rates the trial, one item after another."""
 
     name = "questionnaire"
-    message = Text("questionnaire")
+    message = ParticipantText("questionnaire")
 
-    def __init__(self, state: SessionState, questions: Questions) -> None:
+    def __init__(self, state: SessionState, questions: QuestionSequence) -> None:
         super().__init__(state)
         self._questions = questions
 
-    def answer(self, answer: messages.Answer) -> Confirm | Self:
+    def answer(self, answer: messages.Answer) -> AnswerConfirmation | Self:
         """Store the answer to the current question. After the last question the participant confirms all answers."""
-        storage, now_s = self.state.storage, self.state.now_s
+        storage, now_s = self.state.attempt_storage, self.state.now_s
         assert storage.questionnaire_attempt is not None
-        earlier = self._questions.earlier
+        earlier = self._questions.previous_answer
         given = self._take(answer)
         if given is None:
             return self
@@ -172,43 +172,43 @@ class Questionnaire(QuestionsPhase, RobotFinishedPhase):
                 self.state.send(self.question)
                 return self._report(f"the answer cannot be stored: {error}")
             happened = events.Answered if earlier is None else events.AnswerChanged
-            whose = storage.questionnaire_attempt.trial, storage.questionnaire_attempt.attempt
-            self.state.sink.report(happened(now_s, *whose, given))
+            whose = storage.questionnaire_attempt.trial_number, storage.questionnaire_attempt.attempt_number
+            self.state.event_sink.report(happened(now_s, *whose, given))
             self._apply_stop_rules(given)
-        if self._questions.done:
-            return Confirm(self.state, self._questions)
+        if self._questions.all_answered:
+            return AnswerConfirmation(self.state, self._questions)
         self.state.send(self.question)
         return self
 
     @property
     def _unanswered(self) -> list[str]:
-        return self._questions.unanswered
+        return self._questions.unanswered_items
 
     def _ask(self) -> Self:
         return self
 
 
-class Confirm(RobotFinishedPhase):
+class AnswerConfirmation(RobotFinishedPhase):
     """The participant has answered every question, and confirms the answers or goes back to change them."""
 
     name = "confirm"
-    message = Text("confirm")
+    message = ParticipantText("confirm")
     awaits_ready = True
 
-    def __init__(self, state: SessionState, questions: Questions) -> None:
+    def __init__(self, state: SessionState, questions: QuestionSequence) -> None:
         super().__init__(state)
         self._questions = questions
 
-    def on_ready(self) -> phases.TrialStart | phases.Finished:
+    def on_ready(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
         return self._complete_trial()
 
-    def go_back(self) -> Questionnaire:
+    def go_back(self) -> TrialQuestionnaire:
         self._questions.go_back()
-        return Questionnaire(self.state, self._questions)
+        return TrialQuestionnaire(self.state, self._questions)
 
     @property
     def _unanswered(self) -> list[str]:
         return []
 
-    def _ask(self) -> phases.AfterRobot:
+    def _ask(self) -> phases.PhaseAfterRobot:
         return self._complete_trial()

@@ -95,7 +95,7 @@ def _copy_consents() -> None:
     for row in connection.execute(consented.order_by(participants.c.consented_at)).all():
         hash_chain.insert(
             connection,
-            schema.CONSENT,
+            schema.CONSENT_TABLE,
             at=row.consented_at,
             participant=row.number,
             agreed=True,

@@ -15,7 +15,7 @@ from avrgym.models.robot import Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.models.scratcher import SCRATCHER
 from avrgym.people.distributions import Pose
-from avrgym.simulation.worlds import RightArm, Start, State
+from avrgym.simulation.worlds import InitialState, RightArmPoses, State
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
 from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s
@@ -26,7 +26,7 @@ from avrgym.tasks.task import Marks, StepResult, Task, View, Views
 
 ELBOW = 1
 REACHED_M, TOUCHES = 0.08, 5
-POSE = Pose(rest_rad=human.joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
+POSE = Pose(rest_rad=human.seated_joint_angles(right_shoulder_y=30.0), spread_rad=ARM_SPREAD_RAD)
 ROBOT_HAND_POS_W = (-0.55, 0.0, 0.8)
 TOOL_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 
@@ -45,7 +45,7 @@ def scene(robot: Robot) -> SceneConfig:
     )
 
 
-def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> Start:
+def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Initial states: the robot's hand is within ±5 cm of a point next to the elbow. The goal of the base search is the
     elbow."""
     hand_w = np.array(ROBOT_HAND_POS_W) + 0.05 * (2.0 * uniforms[:, :3] - 1.0)
@@ -61,7 +61,7 @@ def init_state(people: People, uniforms: FloatArray) -> TouchState:
     return TouchState(np.zeros(len(uniforms), dtype=np.intp))
 
 
-def elbow_w(arm: RightArm) -> FloatArray:
+def elbow_w(arm: RightArmPoses) -> FloatArray:
     """Position of the right elbow (N, 3); world frame."""
     return arm.right_arm_pos_w[:, ELBOW]
 
