@@ -23,7 +23,8 @@ class Clock:
 
 def report(capacity: Capacity, session: str, cpu_share: float, missed_per_s: int, seconds: int = 40) -> None:
     for second in range(seconds):
-        capacity.observe(session, float(second), cpu_share, missed_per_s * second)
+        capacity.observe(session, float(second), cpu_share, missed_per_s * second, in_trial=True)
+        capacity.observe(session, float(second), 0.9, missed_per_s * second, in_trial=False)
 
 
 def test_capacity_follows_the_measured_processor_time() -> None:

@@ -23,7 +23,9 @@ function sayWhyNothingIsDrawn(error: unknown): void {
   element("problem").textContent = texts.get("no_drawing");
 }
 
-element("own-page").hidden = isSpectator || !location.pathname.includes("/session/");
+const isHosted = !isSpectator && location.pathname.includes("/session/");
+element("own-page").hidden = !isHosted;
+document.body.classList.toggle("hosted", isHosted);
 document.body.classList.toggle("embedded", asked.get("embedded") === "1");
 
 try {

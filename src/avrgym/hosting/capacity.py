@@ -1,6 +1,6 @@
 """Number of sessions that this computer can run, from the processor time that the running sessions use.
 
-A session uses most in trials. The estimate for one session is therefore the mean of the sessions' highest shares over
+A session uses most in trials; only this time is measured. The estimate for one session is therefore the mean of the sessions' highest shares over
 ``MEAN_REPORTS`` reports. A new
 session is admitted only if the sum stays below the limit, if the sessions give up at most ``MAX_MISSED_SHARE`` of their
 ticks, and if the processors are idle for at least the time that a session needs. Other programs thus count too.
@@ -94,11 +94,17 @@ class Capacity:
                 planned += 100.0 * (last_s - first_s)
         return missed / planned if planned else 0.0
 
-    def observe(self, session: str, seconds: float, cpu_share: float, missed_ticks: int) -> None:
-        """Store a report of a session: time since its start, processor time and ticks given up."""
+    def observe(
+        self, session: str, seconds: float, cpu_share: float, missed_ticks: int, *, in_trial: bool
+    ) -> None:
+        """Store a report of a session: time since its start, processor time and ticks given up.
+
+        ``in_trial``: the processor time is that of a trial, and counts.
+        """
         own = self._running.setdefault(session, _Measured())
         if seconds > SETTLE_S:
-            own.recent.append(cpu_share)
+            if in_trial:
+                own.recent.append(cpu_share)
             if len(own.recent) == MEAN_REPORTS:
                 own.peak = max(own.peak, sum(own.recent) / MEAN_REPORTS)
             own.missed.append((seconds, missed_ticks))

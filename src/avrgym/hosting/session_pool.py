@@ -237,7 +237,11 @@ class SessionPool:
                         session.report = received
                         session.state = "running" if session.state == "starting" else session.state
                         self.capacity.observe(
-                            session.id, received.seconds, received.cpu_share, received.missed_ticks
+                            session.id,
+                            received.seconds,
+                            received.cpu_share,
+                            received.missed_ticks,
+                            in_trial=received.phase == "trial",
                         )
                     case str():
                         session.error = received
