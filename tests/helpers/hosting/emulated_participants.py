@@ -51,10 +51,10 @@ def record_motion(seconds: float = 10.0, seed: int = 1) -> list[Tracking]:
 
 
 class EmulatedParticipant:
-    """One participant with an invitation."""
+    """One participant with an invitation. ``host``: the host header, if it differs from the connected address."""
 
     def __init__(self, origin: str, invitation: str, motion: Sequence[Tracking], offset: int = 0) -> None:
-        self.outcome = Outcome()
+        self.outcome, self.host = Outcome(), ""
         self._origin, self._invitation, self._motion, self._sequence = origin, invitation, motion, offset
         self._began_s = time.monotonic()
         self._sent_s: dict[int, float] = {}
@@ -65,14 +65,15 @@ class EmulatedParticipant:
     async def take_part(self, deadline_s: float) -> Outcome:
         """Take part until the study has ended for this participant, at most for ``deadline_s``."""
         try:
-            async with (
-                asyncio.timeout(deadline_s),
-                httpx.AsyncClient(base_url=self._origin, timeout=60.0) as web,
-            ):
+            async with asyncio.timeout(deadline_s), self._client() as web:
                 await self._follow(web)
         except (TimeoutError, httpx.HTTPError, KeyError) as error:
             self.outcome.error = repr(error)
         return self.outcome
+
+    def _client(self) -> httpx.AsyncClient:
+        headers = {"host": self.host} if self.host else {}
+        return httpx.AsyncClient(base_url=self._origin, timeout=60.0, headers=headers)
 
     async def _follow(self, web: httpx.AsyncClient) -> None:
         given = await web.post("/api/participants", json={"token": self._invitation, "sex": "woman"})
@@ -106,10 +107,18 @@ class EmulatedParticipant:
 
     async def _attend(self, path: str, token: str) -> None:
         """Take part in a session until its connection closes."""
-        address = f"{self._origin.replace('http', 'ws', 1)}/{path}ws"
+        connected = self._origin.removeprefix("http://")
+        address = f"ws://{self.host or connected}/{path}ws"
+        name, _, port = connected.partition(":")
         with suppress(OSError, WebSocketException, TimeoutError):
             async with connect(
-                address, max_size=None, compression=None, proxy=None, ping_interval=None
+                address,
+                max_size=None,
+                compression=None,
+                proxy=None,
+                ping_interval=None,
+                host=name,
+                port=int(port or 80),
             ) as socket:
                 self.outcome.connections += 1
                 await socket.send(messages.encode(Hello(messages.PROTOCOL, token, "emulated", emulated=True)))
