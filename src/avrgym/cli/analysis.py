@@ -1,4 +1,4 @@
-"""The command ``avrgym analyze``."""
+"""The commands ``avrgym analyze`` and ``avrgym fit-reward``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,14 @@ import typer
 
 from avrgym.cli.activity_log import log_command
 from avrgym.cli.progress import progress_bar
-from avrgym.cli.terminal import JsonFileOption, check_json_file, print_line, report_errors, write_json
+from avrgym.cli.terminal import (
+    JsonFileOption,
+    check_json_file,
+    print_line,
+    print_table,
+    report_errors,
+    write_json,
+)
 from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER
 
 
@@ -43,3 +50,29 @@ def analyze(
     print_line(f"report    {report}")
     if problems := len(analysis.study_data.problems) + len(analysis.design_differences):
         print_line(f"problems: {problems}; the report lists each")
+
+
+def fit_reward(
+    folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
+    out: Annotated[Path, typer.Option(help="A new JSON file.", metavar="FILE")] = Path("reward.json"),
+    item: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="An item whose answers are summed, by default L2 (comfort) and L3 (safety). Repeatable."
+        ),
+    ] = None,
+) -> None:
+    """Fit reward weights to comparisons of a study's trials.
+
+    The trial with the higher answers is preferred. The accuracy is that of the other participants' weights.
+    """
+    from avrgym.analysis.reward_model import COMFORT_ITEMS, fit_reward, write_models
+    from avrgym.study.storage.store import Store
+
+    with report_errors(), Store(folder) as store:
+        models = fit_reward(store, item or COMFORT_ITEMS)
+        log(store, "fit-reward", shows_results=True)
+        write_models(models, out)
+        columns = ("task", "participants", "comparisons", "accuracy", "accuracy_of_reward", "simulated")
+        print_table([{name: getattr(model, name) for name in columns} for model in models])
+    print_line(f"weights   {out}")

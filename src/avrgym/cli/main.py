@@ -1,6 +1,6 @@
 """The program ``avrgym``."""
 
-from avrgym.cli.analysis import analyze
+from avrgym.cli.analysis import analyze, fit_reward
 from avrgym.cli.bench import app as bench_commands
 from avrgym.cli.demo import demo
 from avrgym.cli.doctor import doctor
@@ -37,5 +37,19 @@ app.add_typer(bench_commands, name="bench")
 app.add_typer(study_commands, name="study")
 app.add_typer(new_commands, name="new")
 app.add_typer(export_commands, name="export")
-for command in (demo, serve, host, view, envs, train, sweep, evaluate, fit_people, replay, analyze, doctor):
+for command in (
+    demo,
+    serve,
+    host,
+    view,
+    envs,
+    train,
+    sweep,
+    evaluate,
+    fit_people,
+    fit_reward,
+    replay,
+    analyze,
+    doctor,
+):
     app.command()(command)

@@ -1,0 +1,166 @@
+"""Fit reward weights to participants' ratings of trials (preference learning).
+
+Two trials of a participant with the same task are compared: the trial with the higher sum of answers is preferred. The
+probability of this preference is that of Bradley and Terry (Biometrika 39, 1952), with the sums of rewards as strengths
+(Christiano et al., NeurIPS 2017). The reward of a control step is a linear function of the task's reward terms and of
+the force on the person. Its weights therefore have the meaning of ``Task.weights``, up to a common factor.
+"""
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from itertools import combinations
+from pathlib import Path
+from statistics import fmean
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.study.export.trials import completed_attempts
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import write_atomically
+
+COMFORT_ITEMS = ("L2", "L3")
+"""The paper's statements about comfort and safety."""
+FORCE = "force_on_person_n"
+RIDGE = 1.0
+"""Strength of the penalty on squared weights of standardised terms."""
+NEWTON_STEPS = 30
+MIN_PARTICIPANTS = 3
+
+
+@dataclass(frozen=True)
+class RatedTrial:
+    """One completed trial: the sum of the answers, the mean of each term per control step, and the task's reward."""
+
+    participant: str
+    task: str
+    rating: float
+    terms: Mapping[str, float]
+    reward: float
+
+
+@dataclass(frozen=True)
+class RewardModel:
+    """The reward weights of one task, fitted to comparisons of trials.
+
+    ``weights``: for each reward term in its unit, such as 1/N; their absolute size has no meaning. ``accuracy``: share
+    of comparisons that the model predicts, each participant with the weights of the others. ``accuracy_of_reward``: the
+    same share for the task's own reward. ``simulated``: all participants are simulated, and their answers follow from
+    formulas.
+    """
+
+    task: str
+    participants: int
+    comparisons: int
+    accuracy: float
+    accuracy_of_reward: float
+    weights: dict[str, float]
+    simulated: bool
+
+
+def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[RewardModel]:
+    """Returns the reward model of each task of a study with enough comparisons.
+
+    Simulated participants are used only if there are no people. Practice trials are not used.
+
+    Raises:
+        StudyError: if a recording is missing or damaged, or no task has comparisons of at least three participants.
+    """
+    simulated, trials = _rated_trials(store, items)
+    by_task: dict[str, list[RatedTrial]] = {}
+    for trial in trials:
+        by_task.setdefault(trial.task, []).append(trial)
+    models = [fit_task(task, own, simulated=simulated) for task, own in by_task.items()]
+    found = [model for model in models if model is not None]
+    if not found:
+        raise StudyError(
+            f"no task has comparisons of at least {MIN_PARTICIPANTS} participants; a comparison needs two completed "
+            f"trials of a task with different answers to {' and '.join(items)}"
+        )
+    return found
+
+
+def fit_task(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> RewardModel | None:
+    """Returns the reward model of one task, or ``None`` with comparisons of fewer than three participants."""
+    pairs = list(compare(trials))
+    people = list(dict.fromkeys(better.participant for better, _ in pairs))
+    if len(people) < MIN_PARTICIPANTS:
+        return None
+    names = [name for name in trials[0].terms if all(name in trial.terms for trial in trials)]
+    values = {id(trial): np.array([trial.terms[name] for name in names]) for trial in trials}
+    scale: FloatArray = np.std(np.array([*values.values()]), axis=0)
+    scale[scale == 0.0] = np.inf
+    differences = np.array([values[id(better)] - values[id(worse)] for better, worse in pairs]) / scale
+    owners = np.array([better.participant for better, _ in pairs])
+    correct = np.concatenate(
+        [_credit(differences[owners == each] @ fit_weights(differences[owners != each])) for each in people]
+    )
+    reward = _credit(np.array([better.reward - worse.reward for better, worse in pairs]))
+    weights: list[float] = (fit_weights(differences) / scale).tolist()
+    return RewardModel(
+        task,
+        len(people),
+        len(pairs),
+        float(correct.mean()),
+        float(reward.mean()),
+        dict(zip(names, weights, strict=True)),
+        simulated,
+    )
+
+
+def compare(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTrial]]:
+    """Yields pairs of trials of the same participant: first the trial with the higher rating. Ties are omitted."""
+    for first, second in combinations(trials, 2):
+        if first.participant == second.participant and first.rating != second.rating:
+            yield (first, second) if first.rating > second.rating else (second, first)
+
+
+def fit_weights(differences: FloatArray) -> FloatArray:
+    """Returns the weights (F,) of a logistic regression without intercept, for differences (n, F) of preferred minus
+    other trials. Newton's method; the ridge penalty makes the maximum unique."""
+    weights = np.zeros(differences.shape[1])
+    for _ in range(NEWTON_STEPS):
+        wrong = 1.0 / (1.0 + np.exp(np.clip(differences @ weights, -30.0, 30.0)))
+        gradient = differences.T @ wrong - RIDGE * weights
+        curvature = (differences.T * (wrong * (1.0 - wrong))) @ differences + RIDGE * np.eye(len(weights))
+        weights = weights + np.linalg.solve(curvature, gradient)
+    return weights
+
+
+def write_models(models: Sequence[RewardModel], out: Path) -> None:
+    """Write reward models into a new JSON file. Raises ``FileExistsError`` if it exists."""
+    if out.exists():
+        raise FileExistsError(f"{out} already exists; choose another file with --out FILE")
+    write_atomically(out, json.dumps([asdict(model) for model in models], indent=2).encode() + b"\n")
+
+
+def _credit(margins: FloatArray) -> FloatArray:
+    """Returns 1 for predicted preferences, 0 for others, and 0.5 for equal trials."""
+    return (np.sign(margins) + 1.0) / 2.0
+
+
+def _rated_trials(store: Store, items: Sequence[str]) -> tuple[bool, list[RatedTrial]]:
+    attempts = [each for each in completed_attempts(store) if not each.trial.practice]
+    simulated = all(each.participant.simulated for each in attempts)
+    found: list[RatedTrial] = []
+    for exported in attempts:
+        answers = {answer.item: answer.value for answer in exported.answers}
+        if exported.participant.simulated != simulated or not set(items) <= set(answers):
+            continue
+        steps = [control for _, control in exported.control_steps()]
+        terms = {
+            name: fmean(step.reward_terms.get(name, 0.0) for step in steps) for name in steps[0].reward_terms
+        }
+        terms[FORCE] = fmean(step.force_on_person_n for step in steps)
+        found.append(
+            RatedTrial(
+                exported.participant.pseudonym,
+                exported.trial.task,
+                sum(answers[item] for item in items),
+                terms,
+                fmean(step.reward for step in steps),
+            )
+        )
+    return simulated, found
