@@ -25,8 +25,8 @@ from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.observation import measured_by_robot
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
-PEOPLE = "zoo/train", "zoo/unseen", "participants", "revised"
-EPISODES = 100
+PEOPLE = "zoo/train", "zoo/unseen", "participants"
+EPISODES = 50
 GRADIENT_STEPS, SEQUENCES, LEARNING_RATE, DECAY = 600, 16, 1e-3, 0.02
 
 
