@@ -17,10 +17,10 @@ from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.learning.configuration import RecurrentConfiguration
 from avrgym.learning.evaluation import evaluate
-from avrgym.learning.hyperparameters import RECURRENT
+from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS
 from avrgym.learning.lerobot_dataset import FILE
 from avrgym.learning.normaliser import Normaliser, observation_of
-from avrgym.learning.recurrent_network import RecurrentNetwork, fit
+from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
 from avrgym.policies.trained import PolicyMetadata
 from avrgym.tasks.observation import measured_by_robot
 
@@ -35,7 +35,7 @@ def clone(data: Path, out: Path) -> None:
     torch.set_num_threads(1)
     torch.manual_seed(0)
     observations, actions = read(data)
-    normaliser = Normaliser(observation_of(ENVIRONMENT), RECURRENT.gamma)
+    normaliser = Normaliser(observation_of(ENVIRONMENT), RECURRENT_HYPERPARAMETERS.gamma)
     normaliser.obs_rms.update(observations.reshape(-1, observations.shape[-1]))
     sizes = RecurrentConfiguration(environment=ENVIRONMENT, seed=0)
     network = RecurrentNetwork(observations.shape[-1], sizes.memory_size, sizes.net_arch, actions.shape[-1])
@@ -45,7 +45,7 @@ def clone(data: Path, out: Path) -> None:
     random = np.random.default_rng(0)
     for step in range(GRADIENT_STEPS):
         columns = random.integers(actions.shape[1], size=SEQUENCES)
-        fit(network, optimizer, inputs[:, columns], mse_loss, [targets[:, columns]], 1.0)
+        fit_network(network, optimizer, inputs[:, columns], mse_loss, [targets[:, columns]], 1.0)
         schedule.step()
         if step % 100 == 0:
             with torch.no_grad():
@@ -65,7 +65,8 @@ def read(data: Path) -> tuple[np.ndarray, np.ndarray]:
     measured = measured_by_robot(observation_of(ENVIRONMENT))
     observations = np.empty((len(state), len(measured)), np.float32)
     observations[:, measured], observations[:, ~measured] = state, environment_state
-    return tuple(each.reshape(-1, steps, each.shape[1]).swapaxes(0, 1) for each in (observations, actions))
+    episodes = [each.reshape(-1, steps, each.shape[1]).swapaxes(0, 1) for each in (observations, actions)]
+    return episodes[0], episodes[1]
 
 
 def table(policies: list[str]) -> None:

@@ -14,8 +14,8 @@ from avrgym.cli.main import app
 from avrgym.learning import demonstrations
 from avrgym.learning.demonstrations import DELAY_S, SimulatedOperator, demonstrate
 from avrgym.learning.lerobot_dataset import DatasetEpisode, FeatureStatistics, write_dataset
-from avrgym.people.motor import NOISE_SHARE
-from avrgym.policies.registry import find
+from avrgym.people.motor import SPEED_NOISE_SHARE
+from avrgym.policies.registry import resolve_policy
 from avrgym.system.random_streams import demonstration_generator
 from avrgym.tasks.episodes import Episodes
 from helpers.learning.lerobot_policies import lerobot_python, run_lerobot
@@ -30,12 +30,14 @@ def test_operators_act_late_and_their_noise_grows_with_the_speed() -> None:
     delay = round(10 * DELAY_S)
     assert not actions[:delay].any()
     assert actions[delay:].mean(axis=(0, 1)) == pytest.approx([0.5, 0.1], rel=0.02)
-    assert actions[delay:].std(axis=(0, 1)) == pytest.approx([0.5 * NOISE_SHARE, 0.1 * NOISE_SHARE], rel=0.05)
+    assert actions[delay:].std(axis=(0, 1)) == pytest.approx(
+        [0.5 * SPEED_NOISE_SHARE, 0.1 * SPEED_NOISE_SHARE], rel=0.05
+    )
 
 
 def successes(worlds: int, seed: int, *, episodes: int = 3) -> list[DatasetEpisode]:
     world = Episodes(FEEDING, worlds, people="revised")
-    return [*demonstrate(world, find("oracle", FEEDING), episodes, 120, seed)]
+    return [*demonstrate(world, resolve_policy("oracle", FEEDING), episodes, 120, seed)]
 
 
 @pytest.mark.slow
@@ -52,7 +54,7 @@ def test_a_policy_without_success_is_refused(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(demonstrations, "MAX_ATTEMPTS_PER_EPISODE", 2)
     world = Episodes(FEEDING, 2)
     with pytest.raises(ValueError, match="0 of 2 attempts succeeded; use a policy with more success"):
-        next(demonstrate(world, find("zero", FEEDING), 1, 2, 0))
+        next(demonstrate(world, resolve_policy("zero", FEEDING), 1, 2, 0))
 
 
 def test_statistics_of_images_are_those_of_all_pixels() -> None:

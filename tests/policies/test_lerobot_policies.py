@@ -13,7 +13,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.cameras import CameraSpec
 from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.lerobot import LeRobotController, PolicyProcess, state_features
-from avrgym.policies.registry import find, used_controller
+from avrgym.policies.registry import resolve_policy, used_controller
 from avrgym.policies.trained import PolicyError
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
@@ -36,7 +36,7 @@ def test_every_value_is_in_one_feature_and_the_robot_measures_no_person(environm
     observation = observation_of(environment)
     parts = state_features(observation, np.arange(observation.size))
     assert sorted(value for part in parts.values() for value in part) == list(range(observation.size))
-    starts = observation.ends - [entry.size for entry in observation.entries]
+    starts = observation.entry_ends - [entry.size for entry in observation.entries]
     measured = {
         entry.name
         for entry, start in zip(observation.entries, starts, strict=True)
@@ -49,7 +49,7 @@ def test_every_value_is_in_one_feature_and_the_robot_measures_no_person(environm
 
 
 def found(name: str) -> ExternalController:
-    policy = find(name, ENVIRONMENT)
+    policy = resolve_policy(name, ENVIRONMENT)
     assert isinstance(policy, ExternalController)
     return policy
 
@@ -116,18 +116,18 @@ def test_a_process_that_cannot_load_is_refused_with_the_next_step() -> None:
 )
 def test_policies_with_other_inputs_or_outputs_are_refused(tmp_path: Path, features, words: str) -> None:
     with pytest.raises(PolicyError, match=words):
-        find(f"lerobot:{save_configuration(tmp_path, features)}", ENVIRONMENT)
+        resolve_policy(f"lerobot:{save_configuration(tmp_path, features)}", ENVIRONMENT)
 
 
 def test_folders_without_a_policy_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         PolicyError, match=r"contains no LeRobot policy .* allowed: a folder pretrained_model"
     ):
-        find(f"lerobot:{tmp_path}", ENVIRONMENT)
+        resolve_policy(f"lerobot:{tmp_path}", ENVIRONMENT)
     save_configuration(tmp_path, FEATURES)
     (tmp_path / "model.safetensors").unlink()
     with pytest.raises(PolicyError, match=r"model\.safetensors is missing"):
-        find(f"lerobot:{tmp_path}", ENVIRONMENT)
+        resolve_policy(f"lerobot:{tmp_path}", ENVIRONMENT)
 
 
 def test_a_policy_names_its_cameras_and_the_hash_of_its_files(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_an_act_policy_drives_a_session_that_replays_bit_by_bit(tmp_path: Path, 
         visit.tick()
     visit.leave()
     (recording,) = visit.recordings()
-    steps = [step for _, step in recording.topics["/control"]]
+    steps = [step for _, step in recording.messages_by_topic["/control"]]
     assert not any(step.idle for step in steps)
     assert {step.driver for step in steps} == {name}
     assert verify(recording).identical

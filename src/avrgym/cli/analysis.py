@@ -71,7 +71,7 @@ def fit_reward(
 
     with report_errors(), Store(folder) as store:
         models = fit_reward(store, item or COMFORT_ITEMS)
-        log(store, "fit-reward", shows_results=True)
+        log_command(store, "fit-reward", shows_results=True)
         write_models(models, out)
         columns = ("task", "participants", "comparisons", "accuracy", "accuracy_of_reward", "simulated")
         print_table([{name: getattr(model, name) for name in columns} for model in models])
