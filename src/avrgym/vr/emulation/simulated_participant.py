@@ -136,9 +136,9 @@ def sample_participant_traits(
         command_traits=sample_command_traits(seed),
     )
     if not distribution.moving:
-        traits = replace(traits, sway_deg=0.0, cooperation=0.0)
+        traits = replace(traits, sway_deg=0.0, cooperation_share=0.0)
     traits = _with_body(traits, random, distribution, impairment)
-    return traits if trained is None else replace(traits, partner=None, trained=trained)
+    return traits if trained is None else replace(traits, partner_parameters=None, trained_policy=trained)
 
 
 def _with_body(
@@ -156,11 +156,11 @@ def _with_body(
     body = impairments.apply_impairment(body, impairment, uniforms)
     return replace(
         traits,
-        partner=partner,
+        partner_parameters=partner,
         range_share=float(body.range_share[0]),
         strength_share=float(body.strength_share[0]),
         tremor_rad=body.tremor_rad[0],
-        signs=sample_motor_signs(impairment, uniforms) if impairments.is_clinical(impairment) else None,
+        motor_signs=sample_motor_signs(impairment, uniforms) if impairments.is_clinical(impairment) else None,
     )
 
 
