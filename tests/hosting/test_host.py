@@ -71,9 +71,9 @@ def test_data_are_deleted_on_request_while_no_session_runs(served: Served) -> No
     assert served.post("deletion", token).status_code == 204
     assert served.stage(token)["ending"] == "withdrawn"
     RequestedDeletions(store, served.host.pool).delete()
-    assert [each.number for each in store.tombstones()] == [int(pseudonym.removeprefix("sub-"))]
+    assert [each.number for each in store.deleted_participants()] == [int(pseudonym.removeprefix("sub-"))]
     assert served.request("GET", "/api/stage", token).status_code == 401
-    assert store.database.faults() == []
+    assert store.database.find_faults() == []
 
 
 def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:

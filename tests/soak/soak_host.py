@@ -63,7 +63,7 @@ def host_participants(folder: Path, participants: int, kills: int) -> dict[str, 
         watch.over.set()
         watch.join()
         faults = [str(each) for each in check_study(store) if each.is_error]
-        faults += [str(each) for each in store.database.faults()]
+        faults += [str(each) for each in store.database.find_faults()]
         trials = [trial for each in store.participants() for trial in store.trials(each.pseudonym)]
         attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
         return {

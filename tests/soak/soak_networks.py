@@ -63,10 +63,10 @@ def measure(folder: Path, networks: dict[str, Network]) -> list[dict[str, Any]]:
 
 def _by_invitation(store: Store) -> list[str]:
     from avrgym.study.storage.rows import InvitationUse, pseudonym_of
-    from avrgym.study.storage.store import find_all
+    from avrgym.study.storage.store import find_rows
 
-    with store.database.read() as connection:
-        uses = sorted(find_all(connection, InvitationUse), key=lambda each: each.invitation)
+    with store.database.read_transaction() as connection:
+        uses = sorted(find_rows(connection, InvitationUse), key=lambda each: each.invitation)
     return [pseudonym_of(each.participant or 0) for each in uses]
 
 
@@ -76,7 +76,7 @@ def _stored(store: Store, pseudonym: str) -> dict[str, Any]:
         share
         for each in attempts
         if each.state == "completed"
-        and (share := tracking_loss_share(read_recording(store.path(each.recording)))) is not None
+        and (share := tracking_loss_share(read_recording(store.absolute_path(each.recording)))) is not None
     ]
     return {
         "trials": sum(each.state == "completed" for each in store.trials(pseudonym)),

@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.analysis.plan import available_tests
-from avrgym.analysis.reading.study_data import read_study
+from avrgym.analysis.reading.study_data import read_study_data
 from avrgym.cli.main import app
 from avrgym.study.design.validation import DesignError
 from avrgym.study.plan.exclusion_rules import ExclusionRule, answer_quality, violations
@@ -51,9 +51,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 def change_answers(store: Store, pseudonym: str, **values: float) -> None:
-    with store.database.write() as connection:
+    with store.database.write_transaction() as connection:
         for each in store.answers(pseudonym):
-            hash_chain.update(connection, schema.ANSWER, each.id, **values)
+            hash_chain.update(connection, schema.ANSWER_TABLE, each.id, **values)
 
 
 def test_participants_are_excluded_by_named_rules(folder: Path) -> None:
@@ -66,7 +66,7 @@ def test_participants_are_excluded_by_named_rules(folder: Path) -> None:
         change_answers(store, people[1], value=3)
         change_answers(store, people[2], response_time_s=0.25)
         change_answers(store, people[3], value=5, response_time_s=0.25)
-        found = read_study(store)
+        found = read_study_data(store)
         left_out = {
             each: {row.left_out for row in found.trials if row.participant == each and not row.practice}
             for each in people
@@ -82,7 +82,7 @@ def test_participants_are_excluded_by_named_rules(folder: Path) -> None:
         assert reason is not None
         assert reason.count("rule ") == 3
         assert "rule 'wrong answer': 2 of 2 answers to L1 are wrong; allowed: 0 %" in reason
-        assert found.analysed == {people[0]}
+        assert found.analysed_pseudonyms == {people[0]}
         assert [row.where for row in found.problems if "rule" in row.what] == people[1:]
         quality = answer_quality(store, people[1])
         assert (quality.straight_lined_share, quality.median_response_s) == (1.0, 1.25)
@@ -96,7 +96,7 @@ def test_without_rules_nobody_is_excluded(folder: Path) -> None:
         assert violations(store, [rule]) == []
         run_participant(store, pseudonym, simulated=False)
         assert [each.participant for each in violations(store, [rule])] == [pseudonym]
-        assert {row.left_out for row in read_study(store).trials} == {None}
+        assert {row.left_out for row in read_study_data(store).trials} == {None}
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,9 @@
 """Number of sessions that this computer can run, from the processor time that the running sessions use.
 
-A session uses most in trials; only this time is measured. The estimate for one session is therefore the mean of the sessions' highest shares over
-``MEAN_REPORTS`` reports. A new
-session is admitted only if the sum stays below the limit, if the sessions give up at most ``MAX_MISSED_SHARE`` of their
-ticks, and if the processors are idle for at least the time that a session needs. Other programs thus count too.
+A session uses most in trials; only this time is measured. The estimate for one session is therefore the mean of the
+sessions' highest shares over ``MEAN_REPORTS`` reports. A new session is admitted only if the sum stays below the limit,
+if the sessions give up at most ``MAX_MISSED_SHARE`` of their ticks, and if the processors are idle for the time
+that a session needs. Other programs thus count too.
 """
 
 import os

@@ -125,7 +125,7 @@ class ParticipantTokens(Tokens):
         """Returns the tokens of a study's participants."""
         return cls(**asdict(Tokens.new()), store=store)
 
-    def caller(self, token: str) -> AuthenticatedClient | None:
+    def client_of_token(self, token: str) -> AuthenticatedClient | None:
         """Returns the participant with this token, with the pseudonym as the name; ``None`` for another token."""
         try:
             pseudonym = participant_of_token(self.store, token)

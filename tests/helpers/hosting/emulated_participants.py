@@ -16,7 +16,7 @@ import msgspec
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, WebSocketException
 
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Phase, Question, Scene, Tracking
 
@@ -44,10 +44,10 @@ class Outcome:
 
 def record_motion(seconds: float = 10.0, seed: int = 1) -> list[Tracking]:
     """Returns the tracking frames of a participant who sits and sways."""
-    person = SimulatedParticipant(draw_traits("woman", seed), seed)
+    person = SimulatedParticipant(sample_participant_traits("woman", seed), seed)
     person.adopt_posture("avrgym/FeedingJaco-v1")
     steps = int(seconds * TRACKING_HZ)
-    return [person.frame(step / TRACKING_HZ, moving=False) for step in range(steps)]
+    return [person.tracking_frame(step / TRACKING_HZ, moving=False) for step in range(steps)]
 
 
 class EmulatedParticipant:
@@ -121,7 +121,9 @@ class EmulatedParticipant:
                 port=int(port or 80),
             ) as socket:
                 self.outcome.connections += 1
-                await socket.send(messages.encode(Hello(messages.PROTOCOL, token, "emulated", emulated=True)))
+                await socket.send(
+                    messages.encode(Hello(messages.PROTOCOL_VERSION, token, "emulated", emulated=True))
+                )
                 sending = asyncio.create_task(self._send(socket))
                 try:
                     await self._receive(socket)

@@ -24,8 +24,8 @@ MERGED_TABLES = tuple(
         schema.STUDY_TABLE,
         schema.SITE_TABLE,
         schema.EXPERIMENTER_TABLE,
-        schema.INVITATION,
-        schema.INVITATION_USE,
+        schema.INVITATION_TABLE,
+        schema.INVITATION_USE_TABLE,
         schema.LEDGER_TABLE,
     )
 )

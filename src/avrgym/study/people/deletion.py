@@ -70,7 +70,7 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
     visits = sa.select(schema.SESSION_TABLE.c.id).where(own)
     for use in find_rows(connection, InvitationUse, participant=number):  # its place remains used
         erased = {"participant": None, "service_study": None, "service_session": None}
-        hash_chain.update(connection, schema.INVITATION_USE, use.id, **erased)
+        hash_chain.update(connection, schema.INVITATION_USE_TABLE, use.id, **erased)
     for table, condition in (
         (schema.NOTE_TABLE, schema.NOTE_TABLE.c.participant == number),
         (schema.ADVERSE_EVENT_TABLE, schema.ADVERSE_EVENT_TABLE.c.participant == number),

@@ -109,7 +109,7 @@ def create_invitations(
             token = secrets.token_urlsafe(TOKEN_BYTES)
             key = hash_chain.insert(
                 connection,
-                schema.INVITATION,
+                schema.INVITATION_TABLE,
                 created_at=utc_timestamp(),
                 sha256=token_sha256(token),
                 label=label or None,
@@ -144,7 +144,7 @@ def close_invitation(store: Store, invitation: int) -> None:
             raise StudyError(
                 f"there is no invitation {invitation}; `avrgym study invitations` lists all invitations"
             )
-        hash_chain.update(connection, schema.INVITATION, invitation, closed_at=utc_timestamp())
+        hash_chain.update(connection, schema.INVITATION_TABLE, invitation, closed_at=utc_timestamp())
 
 
 def check_invitation(store: Store, token: str) -> Invitation:
@@ -194,7 +194,7 @@ def enrol_invited(
         with store.write_transaction() as connection:
             hash_chain.insert(
                 connection,
-                schema.INVITATION_USE,
+                schema.INVITATION_USE_TABLE,
                 invitation=_usable(connection, token).id,
                 participant=participant_number(pseudonym),
                 at=utc_timestamp(),
@@ -226,7 +226,7 @@ def replace_token(store: Store, pseudonym: str) -> str:
             f"invitation of {pseudonym}",
             participant=participant_number(pseudonym),
         )
-        hash_chain.update(connection, schema.INVITATION_USE, use.id, sha256=token_sha256(own))
+        hash_chain.update(connection, schema.INVITATION_USE_TABLE, use.id, sha256=token_sha256(own))
     return own
 
 

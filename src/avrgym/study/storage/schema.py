@@ -265,7 +265,7 @@ LINK_TABLE = Table(
 Only the latest link of an open session is valid for a participant.
 """
 
-INVITATION = Table(
+INVITATION_TABLE = Table(
     "invitation",
     METADATA,
     Column("id", Integer, primary_key=True),
@@ -281,7 +281,7 @@ INVITATION = Table(
 """Invitations to a hosted study. ``sha256``: checksum of the link's token. ``places``: maximum number of participants;
 1 for a single-use link. ``label``: a reference of the experimenter, without names."""
 
-INVITATION_USE = Table(
+INVITATION_USE_TABLE = Table(
     "invitation_use",
     METADATA,
     Column("id", Integer, primary_key=True),

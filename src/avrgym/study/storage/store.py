@@ -68,8 +68,8 @@ TABLES_BY_ROW_TYPE: Mapping[type, sa.Table] = {
     Site: schema.SITE_TABLE,
     Experimenter: schema.EXPERIMENTER_TABLE,
     AuditLogEntry: schema.LOG_TABLE,
-    Invitation: schema.INVITATION,
-    InvitationUse: schema.INVITATION_USE,
+    Invitation: schema.INVITATION_TABLE,
+    InvitationUse: schema.INVITATION_USE_TABLE,
 }
 
 
