@@ -229,7 +229,10 @@ def refitted(
             )
         )
         state, goals = partner_behaviour.choose_goal_angles(
-            replace(state, targets_rad=moved.angles_rad), now, motions[0].offered_part, motions[0].posture
+            replace(state, joint_targets_rad=moved.angles_rad),
+            now,
+            motions[0].offered_part,
+            motions[0].posture,
         )
         moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
         moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)

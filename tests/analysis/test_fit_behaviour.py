@@ -44,7 +44,10 @@ def recorded(parameters: BehaviourParameters, rng: np.random.Generator) -> list[
     arm_w, shown = np.zeros((count, 3, 3)), []
     for tool in tool_w:
         state, goals = partner_behaviour.choose_goal_angles(
-            replace(state, targets_rad=moved.angles_rad), Seen(tool, head_w, mouth_w, arm_w), "mouth", SEATED
+            replace(state, joint_targets_rad=moved.angles_rad),
+            Seen(tool, head_w, mouth_w, arm_w),
+            "mouth",
+            SEATED,
         )
         moved = motor.set_goal_angles(moved, goals, partner_behaviour.are_startled(state))
         moved, targets = motor.next_joint_targets_rad(moved, DEFAULT_SUBSTEPS)

@@ -328,7 +328,7 @@ def test_a_problem_of_many_recordings_is_shown_once_and_names_each(
     ]
     alone = DataProblemRow(simulated=False, where="one.mcap", what="is missing", consequence="no body")
     seen = replace(analysis.study_data, problems=[*problems, alone])
-    write_report(tmp_path / "page.html", replace(analysis, observed=seen), [], "..")
+    write_report(tmp_path / "page.html", replace(analysis, study_data=seen), [], "..")
     text = (tmp_path / "page.html").read_text()
     assert text.count("is old") == 1
     assert "30 times: is old: it is used." in text
@@ -343,7 +343,7 @@ def test_simulation_of_another_length_is_named_before_the_figures(
 ) -> None:
     note = "episodes have 200 steps, these trials 60"
     objective = [replace(row, simulation_note=note) for row in analysis.objective_outcomes]
-    told = replace(analysis, objective=objective)
+    told = replace(analysis, objective_outcomes=objective)
     write_report(tmp_path / "page.html", told, draw_figures(told), "..")
     page = (tmp_path / "page.html").read_text()
     assert 0 < page.index(note) < page.index("<figure>")

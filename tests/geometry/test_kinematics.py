@@ -324,7 +324,7 @@ def test_isotropy_with_limits_by_hand():
     chain = cross_of_hinges(1.0)
     lower, upper = chain.lower_limit.copy(), chain.upper_limit.copy()
     lower[4:], upper[4:] = 0.0, 1.0
-    limited = replace(chain, lower=lower, upper=upper)
+    limited = replace(chain, lower_limit=lower, upper_limit=upper)
     by_hand = (2.0**4 * 1.0**2) ** (1 / 6) / ((4 * 2.0 + 2 * 1.0) / 6)
     assert_allclose(kinematics.isotropy(limited, np.zeros((1, 6))), by_hand, rtol=1e-12)
 

@@ -48,7 +48,7 @@ def after(
     for _ in range(steps):
         now, goals = cooperation.choose_goal_angles(now, moved.goal_rad, state, offered, SEATED)
         moved, _ = motor.next_joint_targets_rad(motor.set_goal_angles(moved, goals), 10)
-        now = replace(now, targets_rad=moved.angles_rad)
+        now = replace(now, joint_targets_rad=moved.angles_rad)
     return now
 
 

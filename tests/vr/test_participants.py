@@ -100,7 +100,7 @@ def test_lying_and_sitting_participants_have_the_same_height(sex: Sex) -> None:
 
 def arm_after_watching(cooperation: float, environment: str) -> FloatArray:
     """The right hand of somebody who watched the tool near their elbow for two seconds, in their own room."""
-    traits = replace(sample_participant_traits("woman", 2), cooperation=cooperation, sway_deg=0.0)
+    traits = replace(sample_participant_traits("woman", 2), cooperation_share=cooperation, sway_deg=0.0)
     someone = SimulatedParticipant(traits, 2)
     someone.adopt_posture(environment)
     world = LiveWorld(environment, Person("woman", traits.torso_height_m, TASKS["BedBathing"].pose.rest_rad))

@@ -415,7 +415,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
     for now in zip(*perceived, strict=True):
         targets_rad[:, _MOVING] = moved.angles_rad
         state, goals = partner_behaviour.choose_goal_angles(
-            replace(state, targets_rad=targets_rad),
+            replace(state, joint_targets_rad=targets_rad),
             _Perceived(*now),
             motions[0].offered_part,
             motions[0].posture,

@@ -189,12 +189,12 @@ def prepend_slide(chain: Chain, travel_m: float) -> Chain:
     """
     return replace(
         chain,
-        pos=np.concatenate([np.zeros((1, 3)), chain.body_pos]),
-        q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.body_q]),
-        axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.joint_axis]),
-        lower=np.concatenate([[-travel_m], chain.lower_limit]),
-        upper=np.concatenate([[travel_m], chain.upper_limit]),
-        slides=frozenset({0, *(slide + 1 for slide in chain.slide_joints)}),
+        body_pos=np.concatenate([np.zeros((1, 3)), chain.body_pos]),
+        body_q=np.concatenate([transforms.IDENTITY_QUATERNION[None], chain.body_q]),
+        joint_axis=np.concatenate([[[1.0, 0.0, 0.0]], chain.joint_axis]),
+        lower_limit=np.concatenate([[-travel_m], chain.lower_limit]),
+        upper_limit=np.concatenate([[travel_m], chain.upper_limit]),
+        slide_joints=frozenset({0, *(slide + 1 for slide in chain.slide_joints)}),
     )
 
 

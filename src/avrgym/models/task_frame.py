@@ -130,9 +130,9 @@ def mirror_chain(chain: Chain, tip_axis: int) -> Chain:
     axis = chain.joint_axis * LINK_MIRROR_FACTORS
     return replace(
         chain,
-        pos=chain.body_pos * LINK_MIRROR_FACTORS,
-        q=chain.body_q * _conjugation(Y_AXIS_INDEX),
-        axis=np.where(slides, axis, -axis),
+        body_pos=chain.body_pos * LINK_MIRROR_FACTORS,
+        body_q=chain.body_q * _conjugation(Y_AXIS_INDEX),
+        joint_axis=np.where(slides, axis, -axis),
         tip_pos=chain.tip_pos * LINK_MIRROR_FACTORS,
         tip_q=mirror_rotations(chain.tip_q, Y_AXIS_INDEX, tip_axis),
     )

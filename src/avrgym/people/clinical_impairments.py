@@ -124,7 +124,7 @@ def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
         signs,
         damping_n_m_s=_by_joint(severity, elbow, parts),
         mobility=_affected(severity, SPASTIC_MOBILITY, _IN_ARM, 1.0),
-        speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
+        max_speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -135,7 +135,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
         torque_share=strength[..., None] * signs.torque_share,
-        speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
+        max_speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
 

@@ -126,7 +126,7 @@ def step(
         state,
         executed_angles_rad=executed,
         speed_rad_s=speed,
-        goal_rad=goal,
+        goal_angles_rad=goal,
         recent_goal_motion_rad=state.recent_goal_motion_rad * (1.0 - step_s / GOAL_MOTION_DECAY_S) + change,
         time_s=state.time_s + step_s,
     )

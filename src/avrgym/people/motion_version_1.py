@@ -53,7 +53,7 @@ def step_participants(
         moved = state.joint_targets_rad + namespace(goals).clip(
             goals - state.joint_targets_rad, -reach, reach
         )
-        state = replace(state, targets_rad=moved)
+        state = replace(state, joint_targets_rad=moved)
         targets = targets + _sway_rad(state)
     return state, targets
 
@@ -129,4 +129,6 @@ def _track(state: PartnerState, desired: FloatArray) -> PartnerState:
     braked = xp.sqrt(0.25 * change * change + 2.0 * change / CONTROL_STEP_S * xp.abs(way)) - 0.5 * change
     speed = xp.copysign(xp.minimum(xp.minimum(most, braked), xp.abs(way) / CONTROL_STEP_S), way)
     speed = xp.clip(speed, state.target_speed_rad_s - change, state.target_speed_rad_s + change)
-    return replace(state, targets_rad=state.joint_targets_rad + CONTROL_STEP_S * speed, speed_rad_s=speed)
+    return replace(
+        state, joint_targets_rad=state.joint_targets_rad + CONTROL_STEP_S * speed, target_speed_rad_s=speed
+    )

@@ -95,7 +95,7 @@ class BehaviourModel:
         Actions (N, K) are joint speeds, divided by the speeds of unhurried people.
         """
         targets = partner_behaviour.move_joint_targets(self._state.joint_targets_rad, joints, action)
-        self._state = replace(self._state, targets_rad=limit(targets))
+        self._state = replace(self._state, joint_targets_rad=limit(targets))
 
     def step(
         self,
@@ -128,7 +128,7 @@ class BehaviourModel:
         world_mask: BoolArray | None = None,
     ) -> None:
         """Choose the goal joint angles of people for the next 0.1 s. For the arguments, see ``step``."""
-        state: BehaviourState = replace(self._state, targets_rad=self._motor.angles_rad)
+        state: BehaviourState = replace(self._state, joint_targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):
             state, goals = partner_behaviour.choose_goal_angles(

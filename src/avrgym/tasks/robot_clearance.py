@@ -247,12 +247,12 @@ def _part(chain: kinematics.Chain, count: int) -> kinematics.Chain:
     """Returns the chain of the first ``count`` joints. Its tip is the body of the last joint."""
     return replace(
         chain,
-        pos=chain.body_pos[:count],
-        q=chain.body_q[:count],
-        axis=chain.joint_axis[:count],
+        body_pos=chain.body_pos[:count],
+        body_q=chain.body_q[:count],
+        joint_axis=chain.joint_axis[:count],
         tip_pos=np.zeros(3),
         tip_q=transforms.IDENTITY_QUATERNION,
-        lower=chain.lower_limit[:count],
-        upper=chain.upper_limit[:count],
-        slides=frozenset(joint for joint in chain.slide_joints if joint < count),
+        lower_limit=chain.lower_limit[:count],
+        upper_limit=chain.upper_limit[:count],
+        slide_joints=frozenset(joint for joint in chain.slide_joints if joint < count),
     )

@@ -83,7 +83,7 @@ def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> Scene
         posture = replace(posture, hips_deg=settings.backrest_deg - 90.0, thigh_deg=-settings.backrest_deg)
     if frame == TaskFrame():
         return replace(scene, posture=posture)
-    task_scene = replace(scene, posture=posture, mount=frame.transform_mount(scene.mount), frame=frame)
+    task_scene = replace(scene, posture=posture, mount=frame.transform_mount(scene.mount), task_frame=frame)
     return replace(scene, posture=replace(posture, rise_m=frame.rise_m), task_scene=task_scene)
 
 

@@ -309,7 +309,7 @@ def _with_evidence(store: Store, data: bytes, frozen: FrozenPlan) -> FrozenPlan:
     except StudyError as error:
         faults.append(str(error))
     is_proven = stamp is not None and stamp.is_trusted and _is_before_all(store, stamp.issued_at)
-    result = replace(frozen, stamp=stamp, registration=registration, is_proven=is_proven)
+    result = replace(frozen, time_stamp=stamp, registration=registration, is_date_proven=is_proven)
     if not result.is_confirmatory:
         faults.insert(0, UNKNOWN_DATE_MESSAGE)
     return replace(result, faults=tuple(faults))

@@ -281,7 +281,7 @@ class SimulatedParticipant:
         poses = np.frombuffer(state.poses, "<f4").reshape(-1, 7).astype(float)
         bodies, marks_w = dict(zip(self._bodies, poses, strict=False)), poses[len(self._bodies) :, :3]
         observation = self._observation(bodies)
-        mind = replace(self._behaviour_state, targets_rad=self._motor.angles_rad)
+        mind = replace(self._behaviour_state, joint_targets_rad=self._motor.angles_rad)
         if self.traits.trained_policy is not None:
             self._act(self.traits.trained_policy, observation, bodies, marks_w)
         elif isinstance(mind, partner_behaviour.PartnerState):

@@ -128,8 +128,8 @@ def add_cap(skin: Skin, other: Skin) -> Skin:
         normals=np.concatenate([skin.normals, np.tile(normal / np.linalg.norm(normal), (len(grown), 1))]),
         uv=np.concatenate([skin.uv, skin.uv[grown]]),
         faces=np.concatenate([skin.faces, lid]),
-        bone_of=np.concatenate([skin.bone_indices, skin.bone_indices[grown]]),
-        weight_of=np.concatenate([skin.bone_weights, skin.bone_weights[grown]]),
+        bone_indices=np.concatenate([skin.bone_indices, skin.bone_indices[grown]]),
+        bone_weights=np.concatenate([skin.bone_weights, skin.bone_weights[grown]]),
     )
 
 
