@@ -8,7 +8,7 @@ export default defineConfig({
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
     chunkSizeWarningLimit: 1000,
-    rolldownOptions: { input: ["index.html", "dashboard.html", "caregiver.html", "replay.html", "participate.html", "host.html"] },
+    rolldownOptions: { input: ["index.html", "dashboard.html", "caregiver.html", "replay.html", "participate.html", "host.html", "demonstrator.html"] },
     license: { fileName: "licenses.md" },
   },
   test: { include: ["tests/**/*.test.ts"], testTimeout: 600_000 },

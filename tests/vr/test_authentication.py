@@ -30,7 +30,9 @@ from avrgym.vr.protocol.messages import (
     Problem,
     StateChange,
     Status,
+    Steer,
     Welcome,
+    XRPose,
 )
 from avrgym.vr.server import certificate as certificate_module
 from avrgym.vr.server.authentication import Tokens
@@ -42,9 +44,9 @@ from helpers.vr.received_states import decode_message
 from helpers.vr.visit import constant_policies, plan
 
 PATIENCE_S = 180.0
-SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator")}
+SOCKETS = {"/ws": ("participant",), "/watch": ("experimenter", "spectator", "demonstrator")}
 """Every WebSocket, and the roles that it admits."""
-PAGES = ("/spectator",)
+PAGES = ("/spectator", "/demonstrator")
 """Every HTTP route that needs no token: pages without any data. All others need one."""
 GUARDED = {"/scenes/0.glb": 200, "/sounds/en/chime": 204}
 """Routes that need a token, and their status with a token."""
@@ -120,7 +122,7 @@ def test_all_routes_are_tested(server: LiveServer) -> None:
 
 @pytest.mark.parametrize("path", SOCKETS)
 def test_a_socket_opens_only_to_its_roles(server: LiveServer, path: str) -> None:
-    for role in ("participant", "experimenter", "spectator"):
+    for role in ("participant", "experimenter", "spectator", "demonstrator"):
         with opened(server, path, getattr(server.tokens, role)) as socket:
             first = hear(socket, Message)
             if role in SOCKETS[path]:
@@ -147,7 +149,7 @@ def test_without_its_token_no_socket_opens(server: LiveServer, path: str, token:
 def test_data_requires_a_token(server: LiveServer, path: str) -> None:
     for wrong in ({}, {"authorization": "Bearer x"}, {"authorization": server.tokens.spectator}):
         assert request(server, "GET", path, **wrong) == 401
-    for role in ("participant", "experimenter", "spectator"):
+    for role in ("participant", "experimenter", "spectator", "demonstrator"):
         assert (
             request(server, "GET", path, authorization=f"Bearer {getattr(server.tokens, role)}")
             == GUARDED[path]
@@ -164,6 +166,21 @@ def test_pages_of_other_origins_and_hosts_are_refused(server: LiveServer, method
         assert request(server, method, path, host=host, authorization=token) == 400
     if method not in ("GET", "HEAD"):
         assert request(server, method, path, authorization=token) == 405
+
+
+def test_one_demonstrator_drives_and_nobody_else_steers(server: LiveServer) -> None:
+    steer = Steer(
+        clutch=False, grip=None, xr_from_world=XRPose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), scale=1.0
+    )
+    with opened(server, "/watch", server.tokens.demonstrator) as first:
+        assert isinstance(hear(first, Message), Welcome)
+        with opened(server, "/watch", server.tokens.demonstrator) as second:
+            problem = hear(second, Problem)
+            assert problem.message.startswith("a demonstrator is already connected")
+    with opened(server, "/watch", server.tokens.experimenter) as socket:
+        hear(socket, Welcome)
+        tell(socket, steer)
+        assert hear(socket, Problem).message.startswith("only demonstrators may steer the robot")
 
 
 @pytest.mark.parametrize("path", SOCKETS)
@@ -186,8 +203,8 @@ def test_no_answer_may_be_framed_but_by_the_dashboard(server: LiveServer) -> Non
 def test_tokens_differ_and_are_never_in_the_log(
     server: LiveServer, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    secrets = [server.tokens.participant, server.tokens.experimenter, server.tokens.spectator]
-    assert len({*secrets, *vars(Tokens.new()).values()}) == 6
+    secrets = [*vars(server.tokens).values()]
+    assert len({*secrets, *vars(Tokens.new()).values()}) == 8
     for token in secrets:
         request(server, "GET", "/scenes/99.glb", authorization=f"Bearer {token}")
         for path in SOCKETS:

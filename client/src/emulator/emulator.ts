@@ -1,6 +1,7 @@
 import { Matrix4, Quaternion, Vector3 } from "three";
 import { P_SPACE, XRDevice } from "iwer";
 import type { App } from "../page/app";
+import type { View } from "../scene/view";
 import { confirmsAnswers, mayRecalibrate } from "../session/display-state";
 import type { BodyPose } from "../body/body-solver";
 import { DEVICES, type EmulatedDevice } from "./emulated-devices";
@@ -107,10 +108,25 @@ function markTracked(source: { gripSpace?: unknown }): void {
   if (source.gripSpace) (source.gripSpace as { [P_SPACE]: { emulated: boolean } })[P_SPACE].emulated = false;
 }
 
-export function exposeEmulator(app: App, emulator: Emulator): void {
+/** Exposes the controls of the headset, for pages without a participant. */
+export function exposeDevice(
+  page: { view: View; presenting: boolean; framesDrawn: number; lastState: App["lastState"] },
+  emulator: Emulator,
+): void {
+  cacheClearValues(page.view.renderer.getContext() as WebGL2RenderingContext);
+  const controls: Partial<EmulatorControls> = {
+    ...deviceControls(emulator),
+    presenting: () => page.presenting,
+    framesDrawn: () => page.framesDrawn,
+    lastState: () => plainState(page),
+  };
+  window.avrgymEmulator = controls as EmulatorControls;
+}
+
+/** The controls of headset and controllers alone. */
+function deviceControls(emulator: Emulator) {
   const { device } = emulator;
-  cacheClearValues(app.view.renderer.getContext() as WebGL2RenderingContext);
-  window.avrgymEmulator = {
+  return {
     device,
     setPoses: ({ head, left, right }) => {
       if (head) move(device, new Vector3(...head.position), new Quaternion(...head.orientation));
@@ -122,9 +138,17 @@ export function exposeEmulator(app: App, emulator: Emulator): void {
     holdMenu: (hand, pressed) =>
       controllerOf(device, hand).updateButtonValue(hand === "left" ? "x-button" : "a-button", pressed ? 1 : 0),
     aimAt: (hand, point) => turnTo(controllerOf(device, hand), new Vector3(...point)),
+    lookAt: (point) => turnTo(device, new Vector3(...point)),
+  } satisfies Partial<EmulatorControls>;
+}
+
+export function exposeEmulator(app: App, emulator: Emulator): void {
+  const { device } = emulator;
+  cacheClearValues(app.view.renderer.getContext() as WebGL2RenderingContext);
+  window.avrgymEmulator = {
+    ...deviceControls(emulator),
     pointAt: (point) => pointAt(emulator, new Vector3(...point)),
     select: (pressed) => select(emulator, pressed),
-    lookAt: (point) => turnTo(device, new Vector3(...point)),
     raisePalm: (hand) => raisePalm(device, hand),
     stop: () => {
       const { method, progress, sign } = app.stopControl;
@@ -294,7 +318,7 @@ function buttonPurpose({ phase, panel }: App): string {
   return panel.buttons.some(({ value }) => value > 0) ? "body" : "ready";
 }
 
-function plainState({ lastState }: App): ReturnType<EmulatorControls["lastState"]> {
+function plainState({ lastState }: Pick<App, "lastState">): ReturnType<EmulatorControls["lastState"]> {
   if (!lastState) return null;
   const { sequence, simulation_time_s, tracking_sequence } = lastState;
   const poses = [...lastState.poses];

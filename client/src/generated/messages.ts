@@ -1,6 +1,6 @@
 // Written by `python scripts/write_typescript.py` from the server's own definitions. Do not edit.
 
-export const PROTOCOL = 16;
+export const PROTOCOL = 17;
 
 export const STATES_PER_RECEIPT = 2;
 
@@ -50,9 +50,15 @@ export type Visibility = "context-lost" | "hidden" | "visible" | "visible-blurre
 
 export type CommandName = "break" | "continue" | "end" | "pause" | "recalibrate" | "repeat" | "skip" | "stop";
 
+export type OperatorRole = "demonstrator" | "operator";
+
+export type DemonstrationButton = "discard" | "start" | "success";
+
 export type PhaseName = "break" | "calibration" | "check" | "confirm" | "countdown" | "finished" | "free_after" | "free_before" | "headset" | "headset_check" | "headset_stop" | "loading" | "paused" | "questionnaire" | "reach" | "ready" | "retreat" | "trial" | "viewing" | "waiting";
 
-export type Role = "caregiver" | "experimenter" | "participant" | "spectator";
+export type DemonstrationStage = "finished" | "preparing" | "ready" | "running";
+
+export type Role = "caregiver" | "demonstrator" | "experimenter" | "participant" | "spectator";
 
 export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | "can_choose_body", readonly PhaseName[]> = {
   moves: ["headset_check", "headset_stop", "free_before", "countdown", "trial", "retreat", "free_after"],
@@ -306,12 +312,32 @@ export interface Press {
 /** Velocity command of the operator for the robot's hand, sent many times a second while `engaged`.
  *
  * The components are shares of the maximum speeds. `linear`: forward, left and up in the participant's frame;
- * `angular`: about these axes. The robot holds still when the operator disengages or sends no commands. */
+ * `angular`: about these axes. The robot holds still when the operator disengages or sends no commands. `source`
+ * is the sender. */
 export interface Drive {
   type: "drive";
   engaged: boolean;
   linear: SignedShares;
   angular: SignedShares;
+  source: OperatorRole;
+}
+
+/** The demonstrator's controller in one XR frame. While `clutch` is true, the tool repeats its relative motion.
+ *
+ * `grip`: pose of the grip in the demonstrator's `local-floor` space; `None`: not tracked. `xr_from_world`:
+ * pose of the world in this space. `scale`: translation of the tool divided by that of the controller. */
+export interface Steer {
+  type: "steer";
+  clutch: boolean;
+  grip: XRPose | null;
+  xr_from_world: XRPose;
+  scale: number;
+}
+
+/** A button of a demonstration session: starts an episode, ends it as a success, or discards it. */
+export interface Demonstrate {
+  type: "demonstrate";
+  button: DemonstrationButton;
 }
 
 /** A command of the caregiver or the experimenter to the robot, as `RobotCommand`. */
@@ -328,7 +354,7 @@ export interface SceneWatched {
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | Drive | WatcherRobotCommand | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | Drive | Steer | Demonstrate | WatcherRobotCommand | SceneWatched;
 
 /** The connection is accepted in a role. `haptics` and `sounds`: feedback that the session plan enables. */
 export interface Welcome {
@@ -589,4 +615,26 @@ export interface Timing {
   missed_ticks: number;
 }
 
-export type ServerMessage = Welcome | Language | Body | Input | Targets | Pressed | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing;
+/** The contact force of the tool on the person, in newtons, for demonstrators. Sent when it changes. */
+export interface ToolForce {
+  type: "tool_force";
+  force_n: number;
+}
+
+/** Progress of a demonstration session, for watchers. Sent when it changes.
+ *
+ * `stage`: `preparing` (the next world is built), `ready` (waits for the start), `running` or `finished`.
+ * `goal`: the task. `episodes`: planned number; `None`: unlimited. `completed`, `successes` and
+ * `discarded`: numbers of episodes. `seconds`: maximum duration of an episode. */
+export interface DemonstrationProgress {
+  type: "demonstration_progress";
+  stage: DemonstrationStage;
+  goal: string;
+  episodes: number | null;
+  completed: number;
+  successes: number;
+  discarded: number;
+  seconds: number;
+}
+
+export type ServerMessage = Welcome | Language | Body | Input | Targets | Pressed | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing | ToolForce | DemonstrationProgress;

@@ -1,4 +1,4 @@
-import type { Drive, Status } from "../generated/messages";
+import type { Drive, OperatorRole, Status } from "../generated/messages";
 
 const EVERY_MS = 50;
 const DEAD_ZONE = 0.15;
@@ -36,7 +36,7 @@ const BUTTONS: [button: number, ...Axis][] = [
 ];
 const SHOULDERS = [4, 5];
 
-const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0] };
+const RELEASED: Drive = { type: "drive", engaged: false, linear: [0, 0, 0], angular: [0, 0, 0], source: "operator" };
 
 /** The velocity command of pressed keys. */
 export function keyboardCommand(held: ReadonlySet<string>): Drive {
@@ -70,7 +70,7 @@ export function drivingText(status: Status): string {
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
 
-/** Manual control of the robot by the experimenter: keys and gamepad move its hand while an enabling key is pressed. */
+/** Manual control of the robot by the experimenter or the demonstrator: keys and gamepad move its hand while an enabling key is pressed. */
 export class OperatorControl {
   private readonly held = new Set<string>();
   private operated = false;
@@ -80,6 +80,7 @@ export class OperatorControl {
   constructor(
     private readonly panel: HTMLElement,
     private readonly send: (message: Drive) => void,
+    private readonly source: OperatorRole = "operator",
   ) {
     this.listen(window);
     setInterval(() => this.tell(), EVERY_MS);
@@ -126,7 +127,7 @@ export class OperatorControl {
   private tell(): void {
     if (!this.operated && !this.engaged) return;
     const command = this.operated ? this.command() : RELEASED;
-    if (command.engaged || this.engaged) this.send(command);
+    if (command.engaged || this.engaged) this.send({ ...command, source: this.source });
     this.engaged = command.engaged;
   }
 

@@ -45,6 +45,8 @@ interface Cloth {
 
 /** Not 0, because a singular matrix has no normals. */
 const COLLAPSED_SCALE = 1e-3;
+/** Emission of a highlighted body. */
+const SHINING = 0x1f9a4a;
 /** Prefix of the names of the bodies of robot and tool. */
 const ROBOT = "robot/";
 
@@ -91,6 +93,12 @@ export class SceneContent {
     const at = this.poseOf(body);
     for (const follower of this.followers)
       if (follower.at === at) follower.node.scale.setScalar(folded ? COLLAPSED_SCALE : 1);
+  }
+
+  /** Makes the materials of a body shine, or ends this. */
+  highlight(body: string, on: boolean): void {
+    const at = this.poseOf(body);
+    for (const follower of this.followers) if (follower.at === at) follower.node.traverse((part) => shine(part, on));
   }
 
   dispose(): void {
@@ -225,6 +233,23 @@ function fadeAll(node: Object3D, faded: Map<Material, Material>): void {
       faded.set(plain!, own);
     }
   });
+}
+
+/** Sets the emission of a mesh's materials. The first call gives the mesh its own material. */
+function shine(part: Object3D, on: boolean): void {
+  if (!(part instanceof Mesh)) return;
+  part.userData["plain"] ??= part.material as Material;
+  const plain = part.userData["plain"] as Material;
+  part.userData["shining"] ??= shiningCopy(plain);
+  part.material = (on ? part.userData["shining"] : plain) as Material;
+}
+
+function shiningCopy(plain: Material): Material {
+  const copy = plain.clone();
+  copy.onBeforeCompile = plain.onBeforeCompile;
+  copy.customProgramCacheKey = plain.customProgramCacheKey;
+  if (copy instanceof MeshStandardMaterial) copy.emissive.setHex(SHINING);
+  return copy;
 }
 
 /** Gives a mesh its own copy of a material, which GLB files share. */

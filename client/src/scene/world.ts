@@ -45,6 +45,7 @@ export class World {
   /** Whether the world moves to its new pose in one step. */
   reducedMotion = false;
   private motion: Motion | null = null;
+  private highlighted = false;
 
   constructor() {
     this.root.add(this.hands.group);
@@ -105,6 +106,12 @@ export class World {
   /** Discards corrections of the hands. */
   forgetHands(): void {
     this.followed = new Hands();
+  }
+
+  /** Highlights the robot's tool, or ends this. */
+  highlightTool(on: boolean): void {
+    this.highlighted = on;
+    this.content?.highlight(TOOL, on);
   }
 
   /** Draws these poses. */
@@ -178,6 +185,7 @@ export class World {
     this.content = content;
     this.shown = scene;
     content.setFirstPerson(this.firstPerson);
+    content.highlight(TOOL, this.highlighted);
   }
 }
 

@@ -3,6 +3,7 @@
 from avrgym.cli.analysis import analyze, fit_reward
 from avrgym.cli.bench import app as bench_commands
 from avrgym.cli.demo import demo
+from avrgym.cli.demonstrate import demonstrate
 from avrgym.cli.doctor import doctor
 from avrgym.cli.export import app as export_commands
 from avrgym.cli.host import host
@@ -42,6 +43,7 @@ for command in (
     serve,
     host,
     view,
+    demonstrate,
     envs,
     train,
     sweep,

@@ -194,7 +194,7 @@ def serve(
         with LiveServer(make_session, address, port, certificate) as server:
             server.export_next_scene()
             _explain(server, "spectator", server.page_urls())
-            _wait(server)
+            wait_for_server(server)
 
 
 def _serve_study(
@@ -273,7 +273,7 @@ def _serve_study(
             print_line(
                 "Each session has its own link. Start a session on the dashboard, and enter its code on the headset."
             )
-        _wait(server)
+        wait_for_server(server)
 
 
 def _record(log: "LiveLog", sessions: "StudySessions", caller: "AuthenticatedClient", message: Any) -> None:
@@ -379,6 +379,8 @@ def _explain(server: "LiveServer[Any]", experimenters_page: str, participants: l
         _explain_network(in_network)
     print_line("Experimenter (do not give this address to the participant)")
     print_line(f"    {server.page_urls(experimenters_page, server.tokens.experimenter)[0]}")
+    print_line("Demonstrator, who drives the robot in trials with the policy operator")
+    print_line(f"    {server.page_urls('demonstrator', server.tokens.demonstrator)[0]}")
     print_line("Spectators")
     print_line(f"    {server.page_urls('spectator', server.tokens.spectator)[0]}")
     print_line("Stop with Ctrl+C.")
@@ -440,10 +442,11 @@ def view(
         server.export_next_scene()
         print_line("Open this address in a browser; drag to look around. Stop with Ctrl+C.")
         print_line(f"    {server.page_urls('spectator', server.tokens.experimenter)[0]}")
-        _wait(server)
+        wait_for_server(server)
 
 
-def _wait(server: "LiveServer[Any]") -> None:
+def wait_for_server(server: "LiveServer[Any]") -> None:
+    """Wait until the server stops or is interrupted. Raises ``RuntimeError`` if the simulation failed."""
     try:
         server.wait()
     except KeyboardInterrupt:

@@ -37,14 +37,13 @@ class CartesianController:
             angular: (3,) angular velocity as a share of ``HAND_ANGULAR_SPEED_LIMIT_RAD_S``, world frame; clipped to
                 length 1.
         """
-        q_wb = self._simulation.base_pose()[1][0]
+        q_wb = self._base_q_w()
         velocity_w = (
             _shortened(linear) * HAND_SPEED_LIMIT_M_S,
             _shortened(angular) * HAND_ANGULAR_SPEED_LIMIT_RAD_S,
         )
         velocity_b = np.concatenate([transforms.rotate(transforms.conjugate(q_wb), v) for v in velocity_w])
-        positions = self._simulation.joint_positions()[:1]
-        j = action_jacobian(self.chain, positions, drives=self._drives)[0]
+        j = self._jacobian()
         damped = np.asarray(j @ j.T + LEAST_SQUARES_DAMPING**2 * np.eye(6), float)
         speeds = np.asarray(j.T @ np.linalg.solve(damped, velocity_b), float)
         shares, reached = speeds / self._speed_limit, np.asarray(j @ speeds, float)
@@ -54,6 +53,20 @@ class CartesianController:
             np.linalg.norm(reached[3:]) / HAND_ANGULAR_SPEED_LIMIT_RAD_S,
         )
         return shares / max(1.0, *excess)
+
+    def velocity(self, action: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the linear (m/s) and angular (rad/s) velocity (3,) of the hand for an action (A,), world frame."""
+        twist_b = self._jacobian() @ (action * self._speed_limit)
+        q_wb = self._base_q_w()
+        return transforms.rotate(q_wb, twist_b[:3]), transforms.rotate(q_wb, twist_b[3:])
+
+    def _jacobian(self) -> FloatArray:
+        """Returns the Jacobian (6, A) of the hand in the frame of the base."""
+        positions = self._simulation.joint_positions()[:1]
+        return action_jacobian(self.chain, positions, drives=self._drives)[0]
+
+    def _base_q_w(self) -> FloatArray:
+        return self._simulation.base_pose()[1][0]
 
 
 def _shortened(vector: FloatArray) -> FloatArray:

@@ -97,8 +97,8 @@ class Placement(Record, frozen=True):
 class Control(Record, frozen=True):
     """One control step of the robot. ``reward`` is the weighted sum of ``reward_terms``, which are not weighted.
 
-    ``driver``: name of the policy, or ``operator``. ``idle``: the robot did not move at the end of the step.
-    Causes are: no command of the operator, a failed controller, or stale tracking.
+    ``driver``: name of the policy, ``operator`` or ``demonstrator``. ``idle``: the robot did not move at the end of the
+    step. Causes are: no command of the operator, a failed controller, or stale tracking.
     """
 
     step: int

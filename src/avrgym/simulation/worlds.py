@@ -347,6 +347,10 @@ class Simulation:
             tool_contact_force_n=tool_contact_force_n,
         )
 
+    def tool_force_n(self) -> FloatArray:
+        """Returns the magnitude (N,) of the tool's net contact force on the person in the last physics step."""
+        return norm(self._now.sensordata[:, self._at.tool_force])
+
     def region_force_n(self) -> FloatArray:
         """Returns the forces (N, R) on ``BODY_REGIONS`` in the last physics step, in newtons.
 

@@ -202,6 +202,16 @@ def participant_command_generator(seed: int, part: int) -> Generator:
     return default_rng([seed, 4, part])
 
 
+def demonstration_session_generator(seed: int, sample: int) -> Generator:
+    """Returns the random generator for the person and the initial state of an episode of ``avrgym demonstrate``."""
+    return default_rng([seed, 8, sample])
+
+
+def demonstrator_generator(seed: int) -> Generator:
+    """Returns the random generator for the room, tremor and speed noise of a simulated demonstrator."""
+    return default_rng([seed, 9])
+
+
 def participant_noise_generator(seed: int) -> Generator:
     """Returns the random generator for the exploration noise of a simulated participant that is a trained human."""
     return default_rng([seed, 3])

@@ -17,9 +17,11 @@ from avrgym.policies import controllers, registry
 from avrgym.policies.cartesian_control import CartesianController
 from avrgym.policies.controllers import Controller, ExternalController
 from avrgym.policies.registry import ActionFunction, AnyPolicy, HumanOperator, ScriptedPolicy
+from avrgym.policies.tool_servo import ToolServo
 from avrgym.policies.trained import Policy
 from avrgym.tasks.episodes import Episodes
-from avrgym.vr.protocol.messages import Drive
+from avrgym.vr.protocol.messages import Drive, OperatorRole, Steer, XRPose
+from avrgym.vr.protocol.webxr import Pose, controller_pose
 
 RandomGenerators = Sequence[np.random.Generator]
 """Random generators of the episodes, one for each world."""
@@ -303,62 +305,124 @@ class ControllerThread:
 
 
 class OperatorDriver:
-    """Drives the robot with an operator's velocity commands for its hand. Without commands, the robot does not move."""
+    """Drives the robot with the commands of one human operator at a time. Without commands, it does not move.
+
+    The experimenter commands velocities of the hand. A demonstrator can also steer the tool with a controller, see
+    ``policies.tool_servo``. The first who engages drives until they release the robot, or send no command for
+    ``OPERATOR_TIMEOUT_S``.
+
+    ``holder``: the role that drives now, or empty. ``driven_by``: the role that drove last in this control step.
+    """
 
     failure_message = ""
 
     def __init__(self) -> None:
         self._hand: CartesianController | None = None
+        self._servo: ToolServo | None = None
         self._zero_action = EMPTY_ACTION
         self._velocity: tuple[FloatArray, FloatArray] | None = None
+        self._controller: Pose | None = None
+        self._clutch: tuple[XRPose, float] | None = None
         self._commanded_s = 0.0
         self._changed = False
+        self._refused: set[OperatorRole] = set()
+        self.holder: OperatorRole | None = None
+        self.driven_by: OperatorRole = "operator"
 
     @property
     def idle(self) -> bool:
         """Whether the robot holds its position because there is no command."""
-        return self._velocity is None
+        return self.holder is None
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
         """Prepare for the episode that has just started."""
         self._hand, self._zero_action = CartesianController(episodes.simulation), zero_action(episodes)
+        self._servo = ToolServo(episodes.simulation, self._hand.chain)
+        self.driven_by = "operator"
         self.stop_robot()
 
-    def apply_command(self, command: Drive, now_s: float) -> None:
-        """Apply a command from the operator's page. ``now_s``: the current time on the session's clock."""
-        if command.engaged:
-            self.command_velocity(_in_world(command.linear), _in_world(command.angular), now_s)
-        else:
-            self.stop_robot()
+    def apply_command(self, command: Drive, now_s: float) -> str:
+        """Apply a velocity command. ``now_s``: the current time on the session's clock.
 
-    def command_velocity(self, linear: FloatArray, angular: FloatArray, now_s: float) -> None:
-        """Move the hand with a linear and an angular velocity (3,), see ``CartesianController.action``."""
-        self._velocity, self._commanded_s = (linear, angular), now_s
-        self._changed = True
+        Returns why it is refused, once per attempt to command_velocity; otherwise an empty text.
+        """
+        if not command.engaged:
+            self._leave(command.source)
+        elif self._is_free(command.source):
+            self._drive_by(command.source, now_s)
+            self._controller = self._clutch = None
+            self._velocity = _in_world(command.linear), _in_world(command.angular)
+        else:
+            return self._refuse(command.source)
+        return ""
+
+    def apply_steering(self, steer: Steer, now_s: float) -> str:
+        """Apply the pose of the demonstrator's controller. Returns as ``apply_command``.
+
+        A new clutch, viewpoint or scale pairs the present poses of tool and controller, so the tool does not jump.
+        """
+        pose = None if steer.grip is None else controller_pose(steer.grip, steer.xr_from_world)
+        if not steer.clutch or pose is None or self._servo is None:
+            self._leave("demonstrator")
+            return ""
+        if not self._is_free("demonstrator"):
+            return self._refuse("demonstrator")
+        self._drive_by("demonstrator", now_s)
+        clutch = steer.xr_from_world, steer.scale
+        if clutch != self._clutch:
+            self._servo.engage(pose.pos_w, pose.q_w, steer.scale)
+        self._velocity, self._controller, self._clutch = None, pose, clutch
+        return ""
 
     def stop_robot(self) -> None:
         """Stop the robot until the next command."""
-        self._velocity, self._changed = None, True
+        self._velocity = self._controller = self._clutch = self.holder = None
+        self._changed = True
 
-    def check_timeout(self, now_s: float) -> None:
-        """Stop the robot if the latest command is older than ``OPERATOR_TIMEOUT_S``."""
-        if self._velocity is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S:
-            self.stop_robot()
+    def is_overdue(self, now_s: float) -> bool:
+        """Whether the latest command is older than ``OPERATOR_TIMEOUT_S``. The caller must then stop_robot the robot."""
+        return self.holder is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S
 
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) of the latest command."""
-        self._changed = False
-        if self._hand is None or self._velocity is None:
-            return self._zero_action
-        return self._hand.action(*self._velocity)[None]
+        self.driven_by = self.holder or "operator"
+        return self._action()
 
     def update_action(self) -> FloatArray | None:
-        """Returns the action (1, A) of a command that arrived within the control step, else ``None``."""
-        return self.act(self._zero_action) if self._changed else None
+        """Returns the action (1, A) while a controller steers, or if a command arrived; otherwise ``None``."""
+        return self._action() if self._changed or self._controller is not None else None
 
     def close(self) -> None:
         """Stop the robot."""
         self.stop_robot()
+
+    def _action(self) -> FloatArray:
+        self._changed = False
+        if self._hand is None or self._servo is None:
+            return self._zero_action
+        if self._controller is not None:
+            velocity = self._servo.velocity(self._controller.pos_w, self._controller.q_w)
+            return self._hand.action(*velocity)[None]
+        return self._zero_action if self._velocity is None else self._hand.action(*self._velocity)[None]
+
+    def _is_free(self, role: OperatorRole) -> bool:
+        return self.holder in (None, role)
+
+    def _drive_by(self, role: OperatorRole, now_s: float) -> None:
+        self.holder = self.driven_by = role
+        self._commanded_s, self._changed = now_s, True
+        self._refused.discard(role)
+
+    def _leave(self, role: OperatorRole) -> None:
+        self._refused.discard(role)
+        if self.holder == role:
+            self.release()
+
+    def _refuse(self, role: OperatorRole) -> str:
+        if role in self._refused:
+            return ""
+        self._refused.add(role)
+        return f"the {self.holder} drives the robot; wait until they release it"
 
 
 def _in_world(direction: Sequence[float]) -> FloatArray:

@@ -10,6 +10,7 @@ from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
 from avrgym.models.human import Person
 from avrgym.models.scene import DEFAULT_SUBSTEPS, SceneConfig
+from avrgym.policies.registry import ActionFunction
 from avrgym.recording.input_profile import Arm
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.pacing import PacingLayer
@@ -181,6 +182,14 @@ class LiveWorld:
     def apply_command(self, command: CommandName) -> bool:
         """Applies a command of the participant. Returns whether it has an effect on the robot."""
         return bool(self._loop.apply_command(command)[0])
+
+    def expert(self) -> ActionFunction:
+        """Returns the task's expert for the current episode: a function of observations (1, O) to actions (1, A)."""
+        return self._episodes.task.expert(self._episodes)
+
+    def observe(self) -> FloatArray:
+        """Returns the observation (1, O) of the present state."""
+        return self._episodes.observe()
 
     @property
     def withdrawing(self) -> bool:

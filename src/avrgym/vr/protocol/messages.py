@@ -4,7 +4,7 @@ Every WebSocket message is a MessagePack map with a ``type`` tag. ``scripts/writ
 TypeScript types from this module. Poses of headset and controllers are those of WebXR: reference space
 ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
 
-Watchers are the clients of experimenters, caregivers and spectators.
+Watchers are the clients of experimenters, caregivers, demonstrators and spectators.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ from avrgym.recording.presentation import Contrast as Contrast
 from avrgym.recording.presentation import PanelPosition as PanelPosition
 from avrgym.recording.presentation import Presentation as Presentation
 
-PROTOCOL_VERSION = 16
+PROTOCOL_VERSION = 17
 """Version of the protocol. Client and server must have the same version."""
 
 TICK_S = PHYSICS_STEP_S
@@ -299,16 +299,42 @@ class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
     torso_height_m: float
 
 
+OperatorRole = Literal["operator", "demonstrator"]
+"""Who drives the robot: the experimenter (``operator``) or a demonstrator."""
+DemonstrationButton = Literal["start", "success", "discard"]
+
+
 class Drive(Message, frozen=True, tag="drive"):
     """Velocity command of the operator for the robot's hand, sent many times a second while ``engaged``.
 
     The components are shares of the maximum speeds. ``linear``: forward, left and up in the participant's frame;
-    ``angular``: about these axes. The robot holds still when the operator disengages or sends no commands.
+    ``angular``: about these axes. The robot holds still when the operator disengages or sends no commands. ``source``
+    is the sender.
     """
 
     engaged: bool
     linear: SignedShares
     angular: SignedShares
+    source: OperatorRole = "operator"
+
+
+class Steer(Message, frozen=True, tag="steer"):
+    """The demonstrator's controller in one XR frame. While ``clutch`` is true, the tool repeats its relative motion.
+
+    ``grip``: pose of the grip in the demonstrator's ``local-floor`` space; ``None``: not tracked. ``xr_from_world``:
+    pose of the world in this space. ``scale``: translation of the tool divided by that of the controller.
+    """
+
+    clutch: bool
+    grip: XRPose | None
+    xr_from_world: XRPose
+    scale: Annotated[float, msgspec.Meta(ge=0.1, le=2)]
+
+
+class Demonstrate(Message, frozen=True, tag="demonstrate"):
+    """A button of a demonstration session: starts an episode, ends it as a success, or discards it."""
+
+    button: DemonstrationButton
 
 
 class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
@@ -340,6 +366,8 @@ ExperimenterMessage = (
     | ChooseParticipantBody
     | Press
     | Drive
+    | Steer
+    | Demonstrate
     | WatcherRobotCommand
     | SceneWatched
 )
@@ -370,7 +398,8 @@ PhaseName = Literal[
 ]
 
 
-Role = Literal["participant", "spectator", "experimenter", "caregiver"]
+DemonstrationStage = Literal["preparing", "ready", "running", "finished"]
+Role = Literal["participant", "spectator", "experimenter", "caregiver", "demonstrator"]
 
 
 class Welcome(Message, frozen=True, tag="welcome"):
@@ -582,6 +611,29 @@ class Feedback(Message, frozen=True, tag="feedback"):
     events: int
 
 
+class ToolForce(Message, frozen=True, tag="tool_force"):
+    """The contact force of the tool on the person, in newtons, for demonstrators. Sent when it changes."""
+
+    force_n: float
+
+
+class DemonstrationProgress(Message, frozen=True, tag="demonstration_progress"):
+    """Progress of a demonstration session, for watchers. Sent when it changes.
+
+    ``stage``: ``preparing`` (the next world is built), ``ready`` (waits for the start), ``running`` or ``finished``.
+    ``goal``: the task. ``episodes``: planned number; ``None``: unlimited. ``completed``, ``successes`` and
+    ``discarded``: numbers of episodes. ``seconds``: maximum duration of an episode.
+    """
+
+    stage: DemonstrationStage
+    goal: str
+    episodes: int | None
+    completed: int
+    successes: int
+    discarded: int
+    seconds: float
+
+
 class Status(Message, frozen=True, tag="status"):
     """The status of the session, several times a second, for watchers only.
 
@@ -661,6 +713,8 @@ ServerMessage = (
     | Feedback
     | Status
     | Timing
+    | ToolForce
+    | DemonstrationProgress
 )
 
 SentMessage = ServerMessage | State
@@ -712,5 +766,9 @@ class ParticipantDisconnected(msgspec.Struct, frozen=True):
     """The participant's connection has closed."""
 
 
-ReceivedMessage = ClientMessage | ExperimenterMessage | ParticipantDisconnected
+class DemonstratorDisconnected(msgspec.Struct, frozen=True):
+    """The demonstrator's connection has closed."""
+
+
+ReceivedMessage = ClientMessage | ExperimenterMessage | ParticipantDisconnected | DemonstratorDisconnected
 """All messages that a session receives: from its clients, and the end of the participant's connection."""

@@ -148,6 +148,18 @@ def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
     return Pose(pos_w, q_w)
 
 
+def controller_pose(grip: XRPose, xr_from_world: XRPose) -> Pose | None:
+    """Returns the pose of a grip in the world frame; ``None`` if one of the poses is invalid.
+
+    ``xr_from_world``: pose of the world frame in the ``local-floor`` space of the grip's owner.
+    """
+    if not (is_valid_pose(grip) and is_valid_pose(xr_from_world)):
+        return None
+    (x, y, z, w), (vx, vy, vz, vw) = grip.orientation, xr_from_world.orientation
+    world_from_xr = transforms.invert(np.array(xr_from_world.position), np.array([vw, vx, vy, vz]))
+    return _compose(Pose(*world_from_xr), np.array(grip.position), np.array([w, x, y, z]))
+
+
 def is_valid_pose(pose: XRPose) -> bool:
     """Returns whether a pose is finite, within 10 m of the origin, and has a unit quaternion."""
     within = all(abs(number) <= MAX_ORIGIN_DISTANCE_M for number in (*pose.position, *pose.orientation))

@@ -1,7 +1,7 @@
 """Authentication: tokens by role, and the rejection of requests from pages of other origins."""
 
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
+from avrgym.system.files import make_private_folder, write_atomically
 from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
@@ -60,6 +60,7 @@ class Tokens:
     participant: Token
     experimenter: Token
     spectator: Token
+    demonstrator: Token = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES), kw_only=True)
 
     @classmethod
     def new(cls) -> "Tokens":
@@ -73,20 +74,21 @@ class Tokens:
         Raises:
             ValueError: if the file contains no tokens.
         """
-        if not path.exists():
-            tokens = cls.new()
-            make_private_folder(path.parent)
-            write_atomically(path, msgspec.json.encode(tokens), PRIVATE_FILE_MODE)
-            return tokens
+        data = path.read_bytes() if path.exists() else b""
         try:
-            return msgspec.json.decode(path.read_bytes(), type=cls)
+            tokens = msgspec.json.decode(data, type=cls) if path.exists() else cls.new()
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise ValueError(f"{path} contains no tokens: {error}; delete it to create new ones") from None
+        complete = msgspec.json.encode(tokens)
+        if data != complete:  # new, or of a version without some role
+            make_private_folder(path.parent)
+            write_atomically(path, complete, PRIVATE_FILE)
+        return tokens
 
     def client_of_token(self, token: str) -> AuthenticatedClient | None:
         """Returns the caller with this token; ``None`` for an unknown token."""
         found: AuthenticatedClient | None = None
-        for role in ("participant", "experimenter", "spectator"):
+        for role in ("participant", "experimenter", "spectator", "demonstrator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
                 found = AuthenticatedClient(role)
         return found

@@ -9,6 +9,7 @@ from typing import TypeVar
 
 from avrgym.vr.protocol.messages import (
     MAX_UNACKNOWLEDGED_STATES,
+    DemonstrationProgress,
     Message,
     Pressed,
     Problem,
@@ -18,6 +19,7 @@ from avrgym.vr.protocol.messages import (
     Status,
     Targets,
     Timing,
+    ToolForce,
     Welcome,
 )
 from avrgym.vr.server.authentication import EXPIRED_LINK, TokenRejection
@@ -26,13 +28,15 @@ T = TypeVar("T")
 
 MAX_OUTBOX_MESSAGES = 1000
 """Maximum number of waiting messages of a connection. Above it the oldest messages are dropped."""
-WATCHER_ONLY_MESSAGES = (Status, Timing)
+WATCHER_ONLY_MESSAGES = (Status, Timing, DemonstrationProgress)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
     """Returns whether connections of this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
+    if isinstance(message, ToolForce):
+        return role == "demonstrator"
     if isinstance(message, Targets):
         return role == "experimenter"
     if isinstance(message, Pressed):
@@ -123,6 +127,11 @@ class Broadcast:
     def has_participant(self) -> bool:
         """Whether a participant is connected."""
         return self._participant is not None
+
+    def has(self, role: Role) -> bool:
+        """Whether a connection in this role is open."""
+        watching = any(each == role for each, _ in self._watchers)
+        return self.has_participant if role == "participant" else watching
 
     def send(self, message: Message) -> None:
         """Send a message to all connections for which ``is_for_role`` is true. Call it from the simulation's thread."""

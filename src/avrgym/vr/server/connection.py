@@ -14,8 +14,12 @@ from fastapi import WebSocket, WebSocketDisconnect
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import (
     TICK_S,
+    Demonstrate,
+    DemonstratorDisconnected,
+    Drive,
     Hello,
     Message,
+    OperatorRole,
     ParticipantDisconnected,
     Passed,
     Problem,
@@ -24,6 +28,7 @@ from avrgym.vr.protocol.messages import (
     Scene,
     SceneWatched,
     State,
+    Steer,
     Tracking,
     WatcherRobotCommand,
 )
@@ -58,6 +63,10 @@ class Channel:
     def message_tags(self) -> str:
         """The tags of the accepted messages, separated by commas."""
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.message_union))
+
+
+SINGLE_ROLES: tuple[Role, ...] = ("participant", "demonstrator")
+"""Roles with at most one connection."""
 
 
 class RateLimit:
@@ -109,7 +118,9 @@ block."""
 
 PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHER_CHANNEL = Channel(
-    ("experimenter", "caregiver", "spectator"), messages.decode_experimenter, messages.ExperimenterMessage
+    ("experimenter", "caregiver", "demonstrator", "spectator"),
+    messages.decode_experimenter,
+    messages.ExperimenterMessage,
 )
 
 
@@ -144,6 +155,8 @@ async def serve_connection(
         )
     if role == "participant":
         loop.post(ParticipantDisconnected())
+    elif role == "demonstrator":
+        loop.post(DemonstratorDisconnected())
 
 
 def _opens(tokens: Tokens, hello: Hello) -> bool:
@@ -178,10 +191,10 @@ async def _authenticate(
         if caller is None or caller.role not in channel.allowed_roles:
             why = tokens.rejection_of(hello.token)
             refusal, language = (why.close_code, why.message), why.language
-        elif caller.role == "participant" and broadcast.has_participant:
+        elif caller.role in SINGLE_ROLES and broadcast.has(caller.role):
             refusal = (
                 4409,
-                "a participant is already connected; only one is allowed, so close the other page first",
+                f"a {caller.role} is already connected; only one is allowed, so close the other page first",
             )
         else:
             return hello
@@ -249,14 +262,23 @@ async def _receive(
                 loop.post(message)
 
 
+_OPERATOR_ROLES: dict[Role, OperatorRole] = {"experimenter": "operator", "demonstrator": "demonstrator"}
+
+
 def _refusal(role: Role, message: object) -> str:
     """Returns why a role may not send a message; empty if it may."""
     if role == "spectator":
         return "spectators may send no commands; open the experimenter's address"
     if isinstance(message, WatcherRobotCommand):
         return "" if message.source == role else f"the source of commands from this page must be {role}"
+    if isinstance(message, Drive) and message.source != _OPERATOR_ROLES.get(role):
+        return f"{role}s may not drive the robot as {message.source}"
+    if isinstance(message, Steer) and role != "demonstrator":
+        return "only demonstrators may steer the robot; open the demonstrator's address"
     if role == "caregiver" and not isinstance(message, SceneWatched):
         return "caregivers may send robot commands only"
+    if role == "demonstrator" and not isinstance(message, SceneWatched | Drive | Steer | Demonstrate):
+        return "demonstrators may drive the robot, and start and end demonstrations"
     return ""
 
 

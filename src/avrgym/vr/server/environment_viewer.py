@@ -12,11 +12,11 @@ from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.live_world.drivers import OperatorDriver, make_driver
-from avrgym.vr.live_world.scene_message import most_loaded_region, poses, scene_message
+from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, viewing_status
 
 EPISODE_END_PAUSE_S = 2.0
 LOADING_TIMEOUT_S = 15.0
@@ -115,8 +115,8 @@ class EnvironmentViewer:
     def tick(self, now_s: float) -> None:
         """Advance by 10 ms."""
         self._now_s = now_s
-        if isinstance(self._driver, OperatorDriver):
-            self._driver.check_timeout(now_s)
+        if isinstance(self._driver, OperatorDriver) and self._driver.is_overdue(now_s):
+            self._driver.release()
         if not self._paused:
             self._go_on()
         self._ticks += 1
@@ -185,37 +185,19 @@ class EnvironmentViewer:
         return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
 
     def _status(self) -> messages.Status:
-        region, share = most_loaded_region(self._episodes.simulation)
-        latest = self._latest.outcome if self._latest is not None else None
-        return messages.Status(
-            phase="viewing",
-            trial=len(self.scenes),
-            trials=0,
-            attempt=1,
+        return viewing_status(
+            self._episodes.simulation,
+            self._latest,
             environment=self._episodes.environment_id,
-            paused=self._paused,
-            pause_reason="",
             torso_height_m=self._episodes.person_of_world(0).torso_height_m,
+            episode=len(self.scenes),
             step=self._steps,
             steps=self._length,
             reward=self._reward,
             success=self._success,
-            distance_m=float(latest.distance_m[0]) if latest else 0.0,
-            force_on_person_n=float(latest.force_on_person_n[0]) if latest else 0.0,
-            force_region=region,
-            force_share=share,
-            retracting=False,
-            withdrawing=False,
-            tracking_age_s=None,
-            needed_parts=[],
-            untracked_parts=[],
-            visibility="visible",
-            left_modality="none",
-            right_modality="none",
+            paused=self._paused,
             operated=isinstance(self._driver, OperatorDriver),
             idle=self.at_rest or self._driver.idle,
-            latency=[],
-            streams=[],
         )
 
     def _scene(self) -> messages.Scene:

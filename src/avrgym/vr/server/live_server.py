@@ -104,6 +104,10 @@ def create_app(
     async def spectator() -> FileResponse:
         return FileResponse(STATIC_FOLDER / "index.html")
 
+    @app.get("/demonstrator")
+    async def demonstrator() -> FileResponse:
+        return FileResponse(STATIC_FOLDER / "demonstrator.html")
+
     add_sound_route(app, tokens, sounds)
     if links is not None:
         app.post("/link")(make_code_endpoint(links))

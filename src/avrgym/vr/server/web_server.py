@@ -23,6 +23,7 @@ CLIENT_PAGES = (
     "index.html",
     "dashboard.html",
     "caregiver.html",
+    "demonstrator.html",
     "replay.html",
     "participate.html",
     "host.html",

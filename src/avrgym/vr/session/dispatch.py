@@ -60,11 +60,15 @@ def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:
             return phase.correct_torso_height(message.torso_height_m)
         case messages.Drive():
             phase.drive(message)
+        case messages.Steer():
+            phase.steer(message)
+        case messages.DemonstratorDisconnected():
+            phase.demonstrator_left()
         case messages.Command():
             return execute_experimenter_command(phase, message.name)
         case messages.Offered() | messages.Press():
             phase.state.participant_input.forward_selection(message, phase.state.send)
-        case messages.SceneWatched():
+        case messages.SceneWatched() | messages.Demonstrate():
             pass
         case messages.Hello() | messages.Receipt():
             phase.state.report_problem(

@@ -3,6 +3,7 @@
 from avrgym.models.body_names import TRACKED_BODY_PARTS
 from avrgym.models.scene import DEFAULT_SUBSTEPS
 from avrgym.recording.input_profile import InputProfile
+from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.vr.live_world.arm_contact import ArmContactMonitor
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
@@ -16,6 +17,8 @@ from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 STATUS_INTERVAL_TICKS = 20
+FORCE_INTERVAL_TICKS = 4
+"""Interval at which the contact force of the tool is sent if it has changed."""
 
 NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=0)
 
@@ -29,6 +32,7 @@ class StateReporter:
         self._send, self._state_every_ticks = send, state_interval_ticks
         self._ticks, self._state_due = 0, state_interval_ticks
         self._felt = NO_FEEDBACK
+        self._force_n = 0.0
         self._touched = False, False
         self._world: LiveWorld | None = None
 
@@ -46,11 +50,14 @@ class StateReporter:
         if self._ticks % DEFAULT_SUBSTEPS == 0:
             self._touched = self._touch.touched_sides()
         self._send_feedback(step)
+        if self._ticks % FORCE_INTERVAL_TICKS == 0:
+            self._send_tool_force(world)
         if self._ticks >= self._state_due and (step is None or self._state_every_ticks == 1):
             self._state_due = self._ticks + self._state_every_ticks
-            self._send(self._state(world, tracking))
+            self._send(self.state(world, tracking))
 
-    def _state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
+    def state(self, world: LiveWorld, tracking: TrackingState) -> messages.State:
+        """Returns the state of the world after the latest tick."""
         deviating = {*tracking.deviating_parts, *self._obstruction.obstructed_parts()}
         return messages.State(
             sequence=self._ticks,
@@ -60,6 +67,13 @@ class StateReporter:
             deviating_parts=[part for part in TRACKED_BODY_PARTS if part in deviating],
             poses=world.encode_poses(),
         )
+
+    def _send_tool_force(self, world: LiveWorld) -> None:
+        """SendMessage the contact force of the tool if it has changed."""
+        force_n = round(float(world.simulation.tool_force_n()[0]), 1)
+        if force_n != self._force_n:
+            self._force_n = force_n
+            self._send(messages.ToolForce(force_n))
 
     def _send_feedback(self, step: FirstWorldStep | None) -> None:
         """Send feedback when touches begin or end, and for successes."""
@@ -115,4 +129,44 @@ def make_status(
         headset_s=headset_time.total_s,
         headset_limit_s=headset_time.limit_s,
         break_is_due=headset_time.break_is_due,
+    )
+
+
+def viewing_status(
+    simulation: Simulation, latest: ControlStep | None, *, environment: str, torso_height_m: float, episode: int,
+    step: int, steps: int, reward: float, success: bool, operated: bool, idle: bool, paused: bool = False,
+    retracting: bool = False,
+) -> messages.Status:  # fmt: skip
+    """Returns the status message of episodes without a participant. ``latest``: the latest control step."""
+    region, share = most_loaded_region(simulation)
+    outcome = latest.outcome if latest is not None else None
+    return messages.Status(
+        phase="viewing",
+        trial=episode,
+        trials=0,
+        attempt=1,
+        environment=environment,
+        paused=paused,
+        pause_reason="",
+        torso_height_m=torso_height_m,
+        step=step,
+        steps=steps,
+        reward=reward,
+        success=success,
+        distance_m=float(outcome.distance_m[0]) if outcome else 0.0,
+        force_on_person_n=float(outcome.force_on_person_n[0]) if outcome else 0.0,
+        force_region=region,
+        force_share=share,
+        retracting=retracting,
+        withdrawing=False,
+        tracking_age_s=None,
+        needed_parts=[],
+        untracked_parts=[],
+        visibility="visible",
+        left_modality="none",
+        right_modality="none",
+        operated=operated,
+        idle=idle,
+        latency=[],
+        streams=[],
     )

@@ -390,9 +390,9 @@ class SessionState:
 
     def record_driver_failures(self) -> None:
         """Record when a failure of the driver begins or ends. Reports each kind of failure once per attempt."""
-        if isinstance(self.driver, OperatorDriver):
-            self.driver.check_timeout(self.now_s)
-        failure = self.driver.failure_message
+        if isinstance(self.driver, OperatorDriver) and self.driver.is_overdue(self.now_s):
+            self.stop_operator(self.driver, "driver_stale")
+        failure = self.driver.latest_failure
         if failure == self.drivers.latest_failure:
             return
         self.drivers.latest_failure = failure
@@ -402,6 +402,12 @@ class SessionState:
             self.drivers.reported_failure_kinds.add(kind)
             self.event_sink.report(events.ControllerFailed(self.now_s, failure))
             self.report_problem(f"the robot holds its position, because its controller failed: {failure}")
+
+    def stop_operator(self, driver: OperatorDriver, event: str) -> None:
+        """Stop the robot, because its operator left or sends nothing. Records the event."""
+        force_n = float(self.world.simulation.tool_force_n()[0])
+        self.record_event(event, f"{driver.holder}; contact force of the tool {force_n:.1f} N")
+        driver.release()
 
     def record_guard_interventions(self) -> None:
         """Record each intervention of the force guard with its reason, and its end."""

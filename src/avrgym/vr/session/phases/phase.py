@@ -161,6 +161,12 @@ class Phase:
     def drive(self, command: messages.Drive) -> None:
         """Move the robot's hand, if the driver is an operator."""
 
+    def steer(self, steer: messages.Steer) -> None:
+        """Move the robot's tool with the demonstrator's controller, if the driver is an operator."""
+
+    def demonstrator_left(self) -> None:
+        """Handle the loss of the demonstrator's connection: the robot that they drive holds its position."""
+
     def end(self) -> Phase:
         """End the session."""
         return self._report("the session is finished")

@@ -59,11 +59,37 @@ class RunningTrial(StoppablePhase):
     def driver(self) -> Driver:
         return self.state.driver
 
+    def __init__(self, state: SessionState) -> None:
+        super().__init__(state)
+        self._refused_roles: set[messages.OperatorRole] = set()
+
     def drive(self, command: messages.Drive) -> None:
-        if not isinstance(self.driver, OperatorDriver):
-            self._report("in this trial no operator drives the robot")
+        if isinstance(self.driver, OperatorDriver):
+            self._refuse_driver(self.driver.handle_command(command, self.state.now_s), command.source)
         else:
-            self.driver.apply_command(command, self.state.now_s)
+            self._refuse_without_operator(command.source, engaged=command.engaged)
+
+    def steer(self, steer: messages.Steer) -> None:
+        if isinstance(self.driver, OperatorDriver):
+            self._refuse_driver(self.driver.apply_steering(steer, self.state.now_s), "demonstrator")
+        else:
+            self._refuse_without_operator("demonstrator", engaged=steer.clutch)
+
+    def demonstrator_left(self) -> None:
+        if isinstance(self.driver, OperatorDriver) and self.driver.holder == "demonstrator":
+            self.state.stop_operator(self.driver, "driver_left")
+            self._report("the demonstrator left and does not drive the robot any more; it holds its position")
+
+    def _refuse_driver(self, problem: str, role: messages.OperatorRole) -> None:
+        if problem:
+            receiver = "demonstrator" if role == "demonstrator" else "experimenter"
+            self.state.send(messages.Problem(problem, receiver))
+
+    def _refuse_without_operator(self, role: messages.OperatorRole, *, engaged: bool) -> None:
+        """Report once per attempt to drive that a policy drives."""
+        if engaged and role not in self._refused_roles:
+            self._refuse_driver("in this trial no operator drives the robot", role)
+        (self._refused_roles.add if engaged else self._refused_roles.discard)(role)
 
     def command_robot(self, command: CommandName, source: CommandSource) -> None:
         self.state.handle_command(command, source)
@@ -79,6 +105,8 @@ class RunningTrial(StoppablePhase):
         assert attempt is not None
         idle = bool(self.state.tracking.lost_parts) or (not step.withdrawing and self.driver.idle)
         driver = WITHDRAWAL_DRIVER if step.withdrawing else self.state.current_trial.policy
+        if isinstance(self.driver, OperatorDriver):
+            driver = self.driver.driven_by
         attempt.record_step(step, driver, idle, self.state.now_s)
         attempt.record_pacing(self.state.world, step, self.state.now_s)
         if self.state.head_commands is not None:

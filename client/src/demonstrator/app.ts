@@ -1,0 +1,220 @@
+import { Mesh, MeshBasicMaterial, SphereGeometry } from "three";
+import { OperatorControl } from "../input/operator-control";
+import { PRESENTATION } from "../input/input-profile";
+import { CaptionPlane } from "../panel/caption";
+import { element, fetchBytes, watchAddress } from "../page/dom";
+import { ENGLISH_TEXTS } from "../page/texts";
+import { createRoom } from "../scene/room";
+import { View, type Detail } from "../scene/view";
+import { World } from "../scene/world";
+import { Connection, type Link } from "../session/connection";
+import { linkText } from "../session/display-state";
+import { statusTexts } from "../session/session-status";
+import { StateDecoder, type State } from "../session/state-decoder";
+import { vrUnavailableReason, XRSessionManager } from "../session/xr-session";
+import { BACKLOG_LIMIT_BYTES, Reader, Throttle, type Poses } from "../tracking/pose-reader";
+import { ControlReader, episodeButton, ForceHaptics, steerMessage, type Controls } from "./steering";
+import { countText, stageText } from "./progress-texts";
+import { Viewpoint } from "./viewpoint";
+import type { DemonstrationButton, DemonstrationProgress, Scene, ServerMessage, Status } from "../generated/messages";
+
+const MARKER_RADIUS_M = 0.02;
+const IDLE_COLOUR = 0xffffff;
+const CLUTCHED_COLOUR = 0x2fd36b;
+const BUTTONS: readonly DemonstrationButton[] = ["start", "success", "discard"];
+
+/** The page of the demonstrator, who drives the robot in VR, or here with keyboard, mouse and gamepad. */
+export class DemonstratorApp {
+  readonly view: View;
+  readonly world = new World();
+  readonly viewpoint = new Viewpoint(this.world.root);
+  framesDrawn = 0;
+  lastState: State | null = null;
+  progress: DemonstrationProgress | null = null;
+  private readonly connection: Connection;
+  private readonly session: XRSessionManager;
+  private readonly driving: OperatorControl;
+  private readonly states = new StateDecoder();
+  private readonly reader = new Reader();
+  private readonly controls = new ControlReader();
+  private readonly throttle = new Throttle();
+  private readonly caption = new CaptionPlane();
+  private readonly haptics: ForceHaptics;
+  private readonly marker = new Mesh(new SphereGeometry(MARKER_RADIUS_M), new MeshBasicMaterial({ color: IDLE_COLOUR }));
+  private operated = false;
+  private clutched = false;
+  private lastMs = 0;
+
+  constructor(
+    private readonly token: string,
+    emulated: boolean,
+    detail: Detail,
+  ) {
+    this.view = new View(element("view"), element("card"), detail);
+    this.connection = new Connection(watchAddress(), token, emulated, {
+      message: (message) => this.receive(message),
+      link: (link, code) => this.onLink(link, code),
+    });
+    this.session = new XRSessionManager(this.view.renderer, {
+      begins: () => undefined,
+      entered: () => this.onPresenting(true),
+      left: () => this.onPresenting(false),
+      selected: () => undefined,
+      menuPressed: () => undefined,
+      originReset: () => this.release(),
+      visibilityChanged: () => this.release(),
+    });
+    this.haptics = new ForceHaptics((hand, strength, ms) => this.session.pulse(hand, strength, ms));
+    this.driving = new OperatorControl(element("drive"), (message) => this.connection.send(message), "demonstrator");
+    this.marker.visible = false;
+    const { root } = this.world;
+    root.add(createRoom(detail));
+    if (detail.lighting) this.view.reflect(root);
+    this.view.scene.add(root, this.caption.mesh, this.marker);
+    this.view.placeSpectator(root);
+    element("enter").addEventListener("click", () => void this.toggleVR());
+    for (const button of BUTTONS) element(button).addEventListener("click", () => this.press(button));
+  }
+
+  start(): void {
+    this.connection.open();
+    this.view.renderer.setAnimationLoop((timeMs, frame) => this.frame(timeMs, frame));
+    void vrUnavailableReason().then((reason) => {
+      element<HTMLButtonElement>("enter").disabled = reason !== null;
+      element("reason").textContent = reason ? ENGLISH_TEXTS.get(reason) : "";
+    });
+  }
+
+  get presenting(): boolean {
+    return this.session.presenting;
+  }
+
+  private receive(message: ServerMessage): void {
+    if (message.type === "state") this.onState(this.states.decode(message));
+    if (message.type === "scene") void this.onScene(message);
+    if (message.type === "upcoming") void fetchBytes(message.url, this.token).catch(() => undefined);
+    if (message.type === "welcome") this.world.forgetStates();
+    if (message.type === "phase") element("phase-text").textContent = message.page_text || message.text;
+    if (message.type === "status") this.onStatus(message);
+    if (message.type === "tool_force") this.haptics.forceN = message.force_n;
+    if (message.type === "demonstration_progress") this.onProgress(message);
+    if (message.type === "problem") this.onProblem(message.message);
+  }
+
+  private onState(state: State): void {
+    if (this.world.push(state)) this.lastState = state;
+  }
+
+  /** Loads a scene. The demonstrator's place in it does not change. */
+  private async onScene(scene: Scene): Promise<void> {
+    this.states.beginScene();
+    const placed = this.viewpoint.placed ? { ...scene, xr_from_world: this.viewpoint.xrFromWorld } : scene;
+    try {
+      await this.world.load(placed, fetchBytes(scene.url, this.token));
+      this.connection.send({ type: "scene_watched", url: scene.url });
+    } catch (error) {
+      this.onProblem(`The scene cannot be loaded: ${String(error)}`);
+    }
+  }
+
+  private onStatus(status: Status): void {
+    this.operated = status.operated;
+    this.driving.onStatus(status);
+    const texts = statusTexts(status);
+    for (const id of ["watch-force", "watch-limit"]) element(id).textContent = texts[id]!;
+  }
+
+  private onProgress(progress: DemonstrationProgress): void {
+    this.progress = progress;
+    const { stage } = progress;
+    element("episode").hidden = false;
+    element<HTMLButtonElement>("start").disabled = stage !== "ready";
+    element<HTMLButtonElement>("success").disabled = stage !== "running";
+    element<HTMLButtonElement>("discard").disabled = stage !== "ready" && stage !== "running";
+    element("phase-text").textContent = stageText(progress);
+    element("counts").textContent = countText(progress);
+    element("problem").hidden = true;
+  }
+
+  private onProblem(text: string): void {
+    element("problem").textContent = text;
+    element("problem").hidden = false;
+  }
+
+  private onLink(link: Link, code: number): void {
+    element("status-words").textContent = linkText({ texts: ENGLISH_TEXTS, link, code });
+    element("status").dataset["link"] = link;
+  }
+
+  private async toggleVR(): Promise<void> {
+    if (this.presenting) return this.session.leave();
+    await this.session.enter(navigator.xr!).catch((error) => this.onProblem(`VR cannot be entered: ${String(error)}`));
+  }
+
+  private onPresenting(presenting: boolean): void {
+    document.body.classList.toggle("presenting", presenting);
+    element("enter").textContent = presenting ? "Leave VR" : "Enter VR";
+    this.marker.visible = presenting;
+    this.release();
+    if (!presenting) this.view.placeSpectator(this.world.root);
+  }
+
+  private press(button: DemonstrationButton): void {
+    this.connection.send({ type: "demonstrate", button });
+  }
+
+  /** Opens the clutch, whatever the controller reports. */
+  private release(): void {
+    const { xrFromWorld } = this.viewpoint;
+    if (this.clutched) this.connection.send({ type: "steer", clutch: false, grip: null, xr_from_world: xrFromWorld, scale: 1 });
+    this.setClutched(false);
+  }
+
+  private setClutched(clutched: boolean): void {
+    this.clutched = clutched;
+    this.marker.material.color.set(clutched ? CLUTCHED_COLOUR : IDLE_COLOUR);
+    this.world.highlightTool(clutched);
+  }
+
+  private frame(timeMs: number, frame?: XRFrame): void {
+    const space = this.view.renderer.xr.getReferenceSpace();
+    if (frame && space && this.presenting) this.steer(timeMs, frame, this.reader.read(frame, space));
+    this.lastMs = timeMs;
+    this.framesDrawn++;
+    this.world.update(timeMs, null, 0);
+    this.view.render();
+  }
+
+  private steer(timeMs: number, frame: XRFrame, poses: Poses): void {
+    const controls = this.controls.read(frame.session.inputSources);
+    if (poses.head) this.place(poses.head, controls, (timeMs - this.lastMs) / 1000);
+    const clutch = controls.clutch && this.session.visibility === "visible";
+    if (clutch !== this.clutched) this.setClutched(clutch);
+    const open = this.connection.connected && this.connection.backlog <= BACKLOG_LIMIT_BYTES;
+    if (open && this.throttle.pass(timeMs))
+      this.connection.send(steerMessage({ ...controls, clutch }, poses, this.viewpoint.xrFromWorld, this.scale));
+    const button = this.progress && episodeButton(controls, this.progress.stage === "running");
+    if (button) this.press(button);
+    this.haptics.frame(controls.hand, timeMs);
+    const grip = poses[controls.hand];
+    if (grip) this.marker.position.set(...grip[0]);
+    this.caption.show(clutch ? "" : this.text, poses.head, PRESENTATION);
+  }
+
+  /** Changes the viewpoint while the clutch is open. */
+  private place(head: NonNullable<Poses["head"]>, controls: Controls, seconds: number): void {
+    if (controls.clutch) return;
+    if (controls.nextView || !this.viewpoint.placed) this.viewpoint.next(head);
+    this.viewpoint.move(head, controls.move, controls.turn, Math.min(seconds, 0.1));
+  }
+
+  private get scale(): number {
+    return Number(element<HTMLSelectElement>("scale").value);
+  }
+
+  /** The text in VR. */
+  private get text(): string {
+    if (this.progress) return `${stageText(this.progress)} ${countText(this.progress)}`;
+    return this.operated ? "Hold a grip button to drive the robot." : "Another driver controls the robot.";
+  }
+}

@@ -1,0 +1,132 @@
+"""The command ``avrgym demonstrate``: record demonstrations of a human operator with simulated people."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from avrgym.cli.options import (
+    PEOPLE,
+    EpisodeSteps,
+    Impairment,
+    SceneSettings,
+    Seed,
+)
+from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
+from avrgym.cli.serve import wait_for_server
+from avrgym.cli.terminal import print_line, report_errors
+from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
+
+if TYPE_CHECKING:
+    from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
+    from avrgym.vr.demonstration.storage import DemonstrationFolder
+
+
+def demonstrate(
+    env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
+    episodes: Annotated[
+        int, typer.Option(help="Number of recorded episodes, with those of an earlier call.", min=1)
+    ] = 20,
+    people: Annotated[
+        list[str] | None,
+        typer.Option(
+            help=f"A population; repeatable: the people alternate. Default: participants. {PEOPLE}."
+        ),
+    ] = None,
+    impairment: Impairment = "none",
+    out: Annotated[
+        Path, typer.Option(help="The folder of recordings and success marks; an existing one is continued.")
+    ] = Path("demonstrations"),
+    simulated: Annotated[
+        bool,
+        typer.Option(
+            "--simulated", help="The task's expert drives, with human delay and noise, in simulated time."
+        ),
+    ] = False,
+    force_guard: Annotated[
+        bool,
+        typer.Option(
+            "--force-guard/--no-force-guard", help="Limit contact force and approach speed of the arms."
+        ),
+    ] = True,
+    port: Annotated[
+        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
+    ] = PORT,
+    lan: Annotated[
+        bool,
+        typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
+    ] = False,
+    seed: Seed = 0,
+    settings: SceneSettings = None,
+    episode_steps: EpisodeSteps = EPISODE_STEPS,
+) -> None:
+    """Record demonstrations: you drive the robot in VR, or by keyboard or gamepad, next to simulated people.
+
+    Each episode has another person. You start it, and end it as a success or discard it, by button.
+    """
+    from avrgym.tasks.settings import parse_settings
+    from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
+    from avrgym.vr.demonstration.storage import DemonstrationFolder
+
+    with report_errors():
+        plan = DemonstrationPlan(
+            env,
+            tuple(people or ["participants"]),
+            impairment,
+            episodes,
+            episode_steps,
+            seed,
+            force_guard,
+            parse_settings(settings or []),
+        )
+        folder = DemonstrationFolder(out, env)
+        if simulated:
+            _simulate(plan, folder)
+        else:
+            _serve(plan, folder, port, lan=lan)
+        recorded, successes = folder.count("completed"), folder.count("completed", success=True)
+        print_line(
+            f"{out}: {recorded} episodes, {successes} successes, {folder.count('discarded')} discarded"
+        )
+
+
+def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder") -> None:
+    from avrgym.vr.demonstration.session import DemonstrationSession
+    from avrgym.vr.demonstration.simulated import demonstrate as run
+    from avrgym.vr.session.preparation import ImmediateExecutor
+
+    session = DemonstrationSession(
+        plan, folder, lambda message: None, ImmediateExecutor(), driven_by="simulated"
+    )
+    with progress_bar("demonstrations", plan.episodes, "episodes", SAME_COMMAND_CONTINUES) as bar:
+        run(session, plan.seed, progress=lambda: bar.show(folder.count("completed")))
+
+
+def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, *, lan: bool) -> None:
+    from concurrent.futures import ThreadPoolExecutor
+
+    from avrgym.system.files import user_data_folder
+    from avrgym.vr.demonstration.session import DemonstrationSession
+    from avrgym.vr.server.certificate import lan_names, load_or_create_certificate
+    from avrgym.vr.server.live_server import LiveServer
+
+    certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
+    host = EVERY_ADDRESS if lan else LOOPBACK[0]
+    with (
+        ThreadPoolExecutor(1) as workers,
+        LiveServer(
+            lambda send: DemonstrationSession(plan, folder, send, workers), host, port, certificate
+        ) as server,
+    ):
+        server.export_next_scene()
+        print_line(
+            "Open this address in the headset's browser, or in Chrome on this computer. Stop with Ctrl+C."
+        )
+        for url in server.urls("demonstrator", server.tokens.demonstrator):
+            print_line(f"    {url}")
+        print_line("Headset on a USB cable (Quest, Pico): run this first")
+        print_line(f"    adb reverse tcp:{server.port} tcp:{server.port}")
+        print_line("Spectators")
+        print_line(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
+        wait_for_server(server)

@@ -1,0 +1,75 @@
+"""Position control of the robot's tool by a hand-held controller: the tool repeats the controller's relative motion."""
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
+from avrgym.geometry.kinematics import Chain, jacobian
+from avrgym.models import robot
+from avrgym.models.scene import TOOL
+from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S
+from avrgym.simulation.worlds import Simulation
+
+GAIN_PER_S = 8.0
+"""Speed of the tool divided by its distance from the target pose, 1/s."""
+MAX_LEAD_M = 0.05
+MAX_LEAD_RAD = 0.16
+"""Maximum distance of the target pose from the tool. At this distance the speed limits apply. Faster motion of the
+controller is lost, so the tool stops soon after the controller."""
+
+
+class ToolServo:
+    """Computes the velocities of the robot's hand with which its tool follows a controller, in the first world.
+
+    ``engage`` pairs the present poses of tool and controller (the clutch). From then on, the target pose of the tool
+    is its pose at that time, moved like the controller: translations are multiplied by a scale, rotations are not.
+    The pose of the tool is that of the servo targets. The tool therefore does not overshoot when its servos lag behind.
+    """
+
+    def __init__(self, simulation: Simulation, chain: Chain) -> None:
+        """Find hand and tool in the scene. ``chain``: kinematic chain of the arm."""
+        names = simulation.bodies
+        self._simulation, self._chain = simulation, chain
+        self._tool = names.index(TOOL)
+        self._hand = names.index(robot.PREFIX + simulation.scene.arm.end_effector)
+
+    def engage(self, pos_w: FloatArray, q_w: FloatArray, scale: float) -> None:
+        """Pair the present pose of the tool with a pose of the controller: position (3,), quaternion (4,)."""
+        poses = self._simulation.body_poses(0)
+        tool, hand = poses[self._tool], poses[self._hand]
+        hand_inverse = transforms.invert(hand[:3], hand[3:])
+        self._tool_in_hand = transforms.compose(*hand_inverse, tool[:3], tool[3:])
+        _, self._tool_pos_w, self._tool_q_w = self._commanded()
+        self._pos_w, self._q_w, self._scale = pos_w, q_w, scale
+
+    def velocity(self, pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the hand's linear and angular velocity (3,), divided by their limits, for ``CartesianController``.
+
+        ``pos_w`` (3,) and ``q_w`` (4,): pose of the controller in the world frame. Call ``engage`` before.
+        """
+        hand_pos_w, tool_pos_w, tool_q_w = self._commanded()
+        turned = transforms.multiply(q_w, transforms.conjugate(self._q_w))
+        way = self._tool_pos_w + self._scale * (pos_w - self._pos_w) - tool_pos_w
+        turn = transforms.to_rotation_vector(
+            transforms.multiply(transforms.multiply(turned, self._tool_q_w), transforms.conjugate(tool_q_w))
+        )
+        lead, lead_turn = _limited(way, MAX_LEAD_M), _limited(turn, MAX_LEAD_RAD)
+        self._tool_pos_w = self._tool_pos_w + lead - way
+        target_q_w = transforms.multiply(transforms.from_rotation_vector(lead_turn), tool_q_w)
+        self._tool_q_w = transforms.multiply(transforms.conjugate(turned), target_q_w)
+        linear, angular = GAIN_PER_S * lead, GAIN_PER_S * lead_turn
+        of_hand = linear + np.cross(angular, hand_pos_w - tool_pos_w)
+        return of_hand / SPEED_LIMIT_M_S, angular / TURN_LIMIT_RAD_S
+
+    def _commanded(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns the position (3,) of the hand, and position (3,) and quaternion (4,) of the tool, at the servo
+        targets; world frame."""
+        pos_b, q_b, _ = jacobian(self._chain, self._simulation.joint_targets()[:1])
+        base_pos_w, base_q_w = self._simulation.base_pose()
+        hand_pos_w, hand_q_w = transforms.compose(base_pos_w[0], base_q_w[0], pos_b[0], q_b[0])
+        return hand_pos_w, *transforms.compose(hand_pos_w, hand_q_w, *self._tool_in_hand)
+
+
+def _limited(vector: FloatArray, limit: float) -> FloatArray:
+    """Returns a vector (3,) shortened to a length."""
+    return vector * min(1.0, limit / max(float(np.linalg.norm(vector)), 1e-12))

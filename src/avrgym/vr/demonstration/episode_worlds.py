@@ -1,0 +1,119 @@
+"""Worlds of demonstration episodes: each has another simulated person, drawn from the populations."""
+
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, field
+
+from avrgym.models.human import SEXES, Person
+from avrgym.people import impairments
+from avrgym.people.population_names import Impairment
+from avrgym.people.populations import Population, find_populations
+from avrgym.simulation.start_clearance import NoClearanceError
+from avrgym.system import random_streams
+from avrgym.tasks.constants import EPISODE_STEPS
+from avrgym.tasks.registry import TASKS, find_environment
+from avrgym.tasks.settings import DEFAULTS, Settings
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.session.trial_worlds import resting_person
+
+MAX_SAMPLES = 100
+"""Maximum number of sampled people until the robot has enough space next to one."""
+
+
+@dataclass(frozen=True)
+class DemonstrationPlan:
+    """Settings of a demonstration session.
+
+    ``people``: names of populations, used in turn. ``episodes``: number of episodes to record; ``None``: unlimited.
+    ``steps``: maximum length of an episode in control steps. ``force_guard``: see ``safety.force_guard``.
+    """
+
+    environment: str
+    people: tuple[str, ...] = ("revised",)
+    impairment: str = "none"
+    episodes: int | None = None
+    steps: int = EPISODE_STEPS
+    seed: int = 0
+    force_guard: bool = True
+    settings: Settings = DEFAULTS
+    populations: tuple[Population, ...] = field(init=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Find environment and populations. Raises ``ValueError`` for an unknown name, with the allowed ones."""
+        find_environment(self.environment)
+        impairments.find_impairment(self.impairment)
+        found = [population for name in self.people for population in find_populations(name, TASKS)]
+        object.__setattr__(self, "populations", tuple(found))
+
+
+@dataclass(frozen=True)
+class EpisodeWorld:
+    """A world at the start of an episode, with its simulated person.
+
+    ``sample``: number of the sampled person, from 0. ``seed``: seed of person and initial state. ``people`` and
+    ``impairment``: names of population and impairment.
+    """
+
+    sample: int
+    seed: int
+    people: str
+    impairment: Impairment
+    participant: SimulatedParticipant
+    world: LiveWorld
+
+
+class EpisodeWorlds:
+    """Builds the world of the next episode while the current one runs."""
+
+    def __init__(self, plan: DemonstrationPlan, workers: Executor, first_sample: int = 0) -> None:
+        """Start to build the first world. ``first_sample``: number of its person."""
+        self._plan, self._workers = plan, workers
+        self._next_sample = first_sample
+        self._request()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the next world is built."""
+        return self._future.done()
+
+    def take(self) -> EpisodeWorld:
+        """Returns the next world, and starts to build the one after it. Raises the error that occurred, if any."""
+        built = self._future.result()
+        self._next_sample = built.sample + 1
+        self._request()
+        return built
+
+    def close(self) -> None:
+        """Build no further worlds."""
+        self._future.cancel()
+
+    def _request(self) -> None:
+        self._future: Future[EpisodeWorld] = self._workers.submit(build_world, self._plan, self._next_sample)
+
+
+def build_world(plan: DemonstrationPlan, first_sample: int) -> EpisodeWorld:
+    """Returns a world with the first sampled person, from ``first_sample`` on, that leaves the robot enough space.
+
+    Raises:
+        NoClearanceError: if ``MAX_SAMPLES`` people leave no space. It is a ``ValueError``.
+    """
+    for sample in range(first_sample, first_sample + MAX_SAMPLES - 1):
+        try:
+            return _build(plan, sample)
+        except NoClearanceError:
+            continue
+    return _build(plan, first_sample + MAX_SAMPLES - 1)
+
+
+def _build(plan: DemonstrationPlan, sample: int) -> EpisodeWorld:
+    random = random_streams.demonstration_session_generator(plan.seed, sample)
+    seed, sex = int(random.integers(2**31)), SEXES[int(random.integers(len(SEXES)))]
+    population = plan.populations[sample % len(plan.populations)]
+    impairment = population.effective_impairment(impairments.find_impairment(plan.impairment))
+    traits = draw_traits(sex, seed, population.distribution, impairment, population.trained)
+    participant = SimulatedParticipant(traits, seed)
+    participant.adopt_posture(plan.environment, plan.settings)
+    person = resting_person(plan.environment, Person(sex, traits.torso_height_m), plan.settings)
+    world = LiveWorld(plan.environment, person, plan.settings)
+    world.reset(seed)
+    return EpisodeWorld(sample, seed, population.name, impairment, participant, world)

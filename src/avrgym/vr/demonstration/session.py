@@ -1,0 +1,350 @@
+"""Demonstration sessions: a human operator drives the robot in many short episodes, each with another simulated person.
+
+An episode begins with the button ``start``. It ends with ``success`` or ``discard``, or at the time limit. The world of
+the next episode is built in the meantime.
+"""
+
+from concurrent.futures import Executor
+
+import msgspec
+import numpy as np
+
+from avrgym.models.human import Person
+from avrgym.policies.names import OPERATOR
+from avrgym.recording import schema
+from avrgym.recording.configuration import Configuration
+from avrgym.recording.schema import AttemptEnd
+from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.registry import find_environment, task_goal
+from avrgym.tasks.settings import Settings
+from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorlds
+from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow, Result
+from avrgym.vr.emulation.in_process_client import TRACKING_INTERVAL_TICKS
+from avrgym.vr.live_world.drivers import OperatorDriver
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol import messages
+from avrgym.vr.protocol.messages import Received, Send
+from avrgym.vr.protocol.webxr import Registration
+from avrgym.vr.session.attempt import Attempt, configuration
+from avrgym.vr.session.plan import SessionPlan, TrialPlan
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, Reporter, viewing_status
+from avrgym.vr.tracking.tracking_state import TrackingState
+
+MARK_EVENT = "demonstration"
+"""Event of a recording with the operator's mark: ``success``, ``no success`` or ``discarded``."""
+WATCH_INTERVAL_TICKS = 10
+"""Interval at which the simulated person sees the robot."""
+
+
+class DemonstrationSession:
+    """Runs and records the episodes at 100 Hz; implements ``Runnable``.
+
+    ``stage``: ``preparing`` (the next world is built), ``ready`` (waits for the start), ``running`` or ``finished``.
+    ``world``: the current world.
+    """
+
+    def __init__(
+        self,
+        plan: DemonstrationPlan,
+        folder: DemonstrationFolder,
+        send: Send,
+        workers: Executor,
+        *,
+        driven_by: str = "",
+    ) -> None:
+        """Build the first world.
+
+        Args:
+            plan: settings of the session.
+            folder: stores the episodes. Episodes of an earlier session count.
+            send: receives all messages for clients.
+            workers: builds the worlds.
+            driven_by: name of the driver in the table; default: the role that drove last.
+
+        Raises:
+            ValueError: for settings with which no world can be built.
+        """
+        self.plan, self._folder, self._send = plan, folder, send
+        self.scenes: list[tuple[str, Person, Settings]] = []
+        self._worlds = EpisodeWorlds(plan, workers, folder.num_samples)
+        self._driven_by = driven_by
+        self._driver = OperatorDriver()
+        self._reporter = Reporter(send)
+        self.attempt: Attempt | None = None
+        self._mark = ""
+        self._now_s, self._ticks = 0.0, 0
+        self._floor = Registration(np.zeros(3), 0.0)
+        self.stage: messages.DemonstrationStage = "preparing"
+        self._enter_next_world()
+
+    @property
+    def world(self) -> LiveWorld:
+        """The current world."""
+        return self._current.world
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no episode runs."""
+        return self.stage != "running"
+
+    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+        """Send the current state to a new connection."""
+        name = self.plan.environment
+        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=True, sounds=True))
+        send(self._scene())
+        send(self._phase())
+        send(self._progress())
+
+    def receive(self, message: Received, now_s: float) -> None:
+        """Handle a message of a client; ignores messages that only other sessions use."""
+        match message:
+            case messages.Demonstrate():
+                self._press(message.button)
+            case messages.Drive():
+                self._refuse(self._driver.take_command(message, now_s), message.source)
+            case messages.Steer():
+                self._refuse(self._driver.apply_steering(message, now_s), "demonstrator")
+            case messages.DemonstratorDisconnected():
+                self._release("driver_left")
+            case messages.Command(name="stop"):
+                self._driver.release()
+            case messages.Command(name="skip"):
+                self._press("discard")
+            case messages.Command(name="end"):
+                self._end_episode("discarded")
+                self._change_stage("finished")
+            case _:
+                pass
+
+    def tick(self, now_s: float) -> None:
+        """Advance by 10 ms."""
+        self._now_s = now_s
+        self._ticks += 1
+        if self._driver.is_overdue(now_s):
+            self._release("driver_stale")
+        step = None
+        if self.stage in ("ready", "running"):
+            step = self._advance()
+        elif self.stage == "preparing" and self._worlds.ready:
+            self._enter_next_world()
+        if self._ticks % STATUS_INTERVAL_TICKS == 0:
+            self._send(self._status())
+        if self.attempt is not None:
+            self.attempt.submit_records()
+        if step is not None:
+            self._finish_step(step)
+
+    def close(self, now_s: float) -> None:
+        """End the session. A running episode is stored as interrupted."""
+        self._now_s = now_s
+        self._end_episode("interrupted")
+        self._driver.close()
+        self._worlds.close()
+
+    def wait_for_writes(self) -> None:
+        """Wait until most records are written. For sessions faster than real time."""
+        if self.attempt is not None:
+            self.attempt.wait_for_writes()
+
+    # Buttons and driver ----------------------------------------------------------------------------------------------
+
+    def _press(self, button: messages.DemonstrationButton) -> None:
+        if button == "start" and self.stage == "ready":
+            self._begin_episode()
+        elif button == "success" and self.stage == "running":
+            self._mark = "success"
+        elif button == "discard" and self.stage in ("ready", "running"):
+            self._end_episode("discarded")
+            self._leave_world()
+
+    def _refuse(self, problem: str, role: messages.OperatorRole) -> None:
+        if problem:
+            self._send(
+                messages.Problem(problem, "demonstrator" if role == "demonstrator" else "experimenter")
+            )
+
+    def _release(self, event: str) -> None:
+        """Stop the robot, because its operator left or sends nothing. Records the event."""
+        driver = self._driver.holder
+        self._driver.release()
+        if self.attempt is not None and driver:
+            force_n = float(self.world.simulation.tool_force_n()[0])
+            self._record_event(event, f"{driver}; contact force of the tool {force_n:.1f} N")
+
+    # Episodes --------------------------------------------------------------------------------------------------------
+
+    def _enter_next_world(self) -> None:
+        self._current = self._worlds.take()
+        world, participant = self._current.world, self._current.participant
+        self._tracking = TrackingState()
+        self.scenes.append((world.environment_id, world.person, world.settings))
+        world.prepare(self._driver, force_guard=self.plan.force_guard)
+        scene = self._scene()
+        participant.watch(scene)
+        self._send(scene)
+        self._change_stage("ready")
+
+    def _leave_world(self) -> None:
+        planned = self.plan.episodes
+        if planned is not None and self._folder.count("completed") >= planned:
+            self._change_stage("finished")
+        elif self._worlds.ready:
+            self._enter_next_world()
+        else:
+            self._change_stage("preparing")
+
+    def _advance(self) -> ControlStep | None:
+        world, attempt = self.world, self.attempt
+        moving = self.stage == "running"
+        if self._ticks % TRACKING_INTERVAL_TICKS == 0:
+            frame = self._current.participant.frame(self._now_s, moving=moving)
+            self._tracking.take(frame, self._now_s)
+            if self._tracking.registration is None and frame.head is not None:
+                self._tracking.place(frame.head, world.person, world.scene_config.posture)
+        followed = self._tracking.follow(world.task.tracked, self._now_s)
+        if followed.pose is not None:
+            world.follow(followed.pose)
+        if attempt is not None:
+            attempt.record_frames(followed)
+            attempt.record_targets(world.joint_targets_rad, self._now_s)
+        step = world.tick(self._driver if moving else None)
+        if attempt is not None:
+            attempt.record_physics(world, self._now_s)
+        self._reporter.tick(world, self._tracking, step)
+        if moving and self._ticks % WATCH_INTERVAL_TICKS == 0:
+            self._current.participant.watch(self._reporter.state(world, self._tracking))
+        return step
+
+    def _begin_episode(self) -> None:
+        world = self.world
+        world.hold()
+        try:
+            self.attempt = Attempt(
+                self._folder.recordings,
+                self._folder.count("completed") + 1,
+                self._configuration,
+                self._now_s,
+            )
+        except OSError as error:
+            self._send(messages.Problem(f"the episode cannot be recorded: {error}", "experimenter"))
+            return
+        self._tracking.take_arrived()
+        self.attempt.record_physics(world, self._now_s)
+        world.prepare(self._driver, force_guard=self.plan.force_guard)
+        self._mark = ""
+        self._record_event("phase", "trial")
+        self._change_stage("running")
+
+    def _finish_step(self, step: ControlStep) -> None:
+        attempt = self.attempt
+        if attempt is None:
+            return
+        attempt.record_step(step, self._driver.driven_by, self._driver.idle, self._now_s)
+        if attempt.failure is not None:
+            self._send(messages.Problem(f"the recording failed: {attempt.failure}", "experimenter"))
+            self._end_episode("interrupted")
+            self._leave_world()
+        elif self._mark or attempt.steps >= self.plan.steps:
+            self._end_episode("completed")
+            self._leave_world()
+
+    def _end_episode(self, result: Result) -> None:
+        """End a running episode, and store its recording and its row."""
+        attempt, self.attempt = self.attempt, None
+        self._driver.release()
+        if attempt is None:
+            return
+        marked = result == "completed" and self._mark == "success"
+        mark = ("success" if marked else "no success") if result == "completed" else result
+        attempt.record("/events", schema.Event(MARK_EVENT, mark), self._now_s)
+        if result != "completed":
+            attempt.record("/events", schema.Event("robot_holds", result), self._now_s)
+        end: AttemptEnd = "repeated" if result == "discarded" else result
+        failure = attempt.close(end, self._now_s)
+        if failure is not None:
+            self._send(messages.Problem(f"the recording is incomplete: {failure}", "experimenter"))
+            result = "interrupted"
+        person = self.world.person
+        row = EpisodeRow(
+            episode=attempt.trial,
+            attempt=attempt.number,
+            recording=str(attempt.path.relative_to(self._folder.folder)),
+            environment=self.plan.environment,
+            people=self._current.people,
+            impairment=self._current.impairment,
+            sample=self._current.sample,
+            seed=self._current.seed,
+            sex=person.sex,
+            torso_height_m=person.torso_height_m,
+            result=result,
+            success=marked,
+            task_success=attempt.success,
+            steps=attempt.steps,
+            driven_by=self._driven_by or self._driver.driven_by,
+        )
+        self._folder.append(row)
+
+    def _configuration(self, number: int) -> Configuration:
+        plan, world = self.plan, self.world
+        trial = TrialPlan(plan.environment, OPERATOR, self._current.seed, practice=False, items=())
+        session = SessionPlan(
+            [trial],
+            world.person.sex,
+            0.0,
+            simulated=True,
+            trial_steps=plan.steps,
+            force_guard=plan.force_guard,
+            withdraw_after_success=False,
+            settings=plan.settings,
+        )
+        registration = self._tracking.registration or self._floor
+        place = registration.xr_from_world()
+        made = configuration(session, 0, number, world, place, self._folder.folder.name, ())
+        return msgspec.structs.replace(made, trial=self._folder.count("completed") + 1)
+
+    def _record_event(self, name: str, detail: str) -> None:
+        if self.attempt is not None:
+            self.attempt.record("/events", schema.Event(name, detail), self._now_s)
+
+    # Messages --------------------------------------------------------------------------------------------------------
+
+    def _change_stage(self, stage: messages.DemonstrationStage) -> None:
+        self.stage = stage
+        self._send(self._phase())
+        self._send(self._progress())
+
+    def _scene(self) -> messages.Scene:
+        return self.world.scene(len(self.scenes) - 1, self._floor)
+
+    def _phase(self) -> messages.Phase:
+        text = f"{self.plan.environment}: {self.stage}"
+        return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
+
+    def _progress(self) -> messages.DemonstrationProgress:
+        folder = self._folder
+        return messages.DemonstrationProgress(
+            stage=self.stage,
+            goal=task_goal(find_environment(self.plan.environment)[0], self.plan.settings),
+            episodes=self.plan.episodes,
+            completed=folder.count("completed"),
+            successes=folder.count("completed", success=True),
+            discarded=folder.count("discarded"),
+            seconds=self.plan.steps / self.plan.settings.control_hz,
+        )
+
+    def _status(self) -> messages.Status:
+        attempt, world = self.attempt, self.world
+        return viewing_status(
+            world.simulation,
+            attempt.latest if attempt else None,
+            environment=self.plan.environment,
+            torso_height_m=world.person.torso_height_m,
+            episode=self._folder.count("completed") + 1,
+            step=attempt.steps if attempt else 0,
+            steps=self.plan.steps,
+            reward=attempt.reward if attempt else 0.0,
+            success=attempt.success if attempt else False,
+            operated=True,
+            idle=self._driver.idle,
+            retracting=world.guard is not None and bool(world.guard.retracting[0]),
+        )

@@ -1,0 +1,45 @@
+"""Demonstrations by a simulated demonstrator, in simulated time."""
+
+from collections.abc import Callable
+
+from avrgym.vr.demonstration.session import DemonstrationSession
+from avrgym.vr.emulation.simulated_demonstrator import DemonstratorTraits, SimulatedDemonstrator
+from avrgym.vr.protocol.messages import TICK_S, Demonstrate
+
+START_DELAY_S = 0.5
+"""Time from a new world to the button ``start``."""
+SUCCESS_DELAY_S = 0.7
+"""Time from the task's success to the button ``success``."""
+
+
+def demonstrate(
+    session: DemonstrationSession,
+    seed: int,
+    traits: DemonstratorTraits | None = None,
+    progress: Callable[[], None] = lambda: None,
+) -> None:
+    """Record all episodes of a session with a planned number. ``progress`` is called after each one."""
+    demonstrator = SimulatedDemonstrator(seed, traits)
+    ticks, waited_s, stage = 0, 0.0, session.stage
+    while session.stage != "finished":
+        now_s = ticks * TICK_S
+        if session.stage == "running":
+            succeeded = session.attempt is not None and session.attempt.success
+            session.receive(demonstrator.steer(session.world, now_s), now_s)
+        else:
+            succeeded = False
+        waited_s = waited_s + TICK_S if succeeded or session.stage == "ready" else 0.0
+        if session.stage == "ready" and waited_s > START_DELAY_S:
+            demonstrator.begin(session.world)
+            session.receive(Demonstrate("start"), now_s)
+            waited_s = 0.0
+        elif succeeded and waited_s > SUCCESS_DELAY_S:
+            session.receive(Demonstrate("success"), now_s)
+        session.tick(now_s)
+        session.wait_for_writes()
+        if stage == "running" and session.stage != "running":
+            progress()
+            waited_s = 0.0
+        stage = session.stage
+        ticks += 1
+    session.close(ticks * TICK_S)

@@ -1,0 +1,106 @@
+"""The folder of a demonstration session: recordings, and a table of its episodes with the operator's success marks."""
+
+import csv
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+TABLE = "demonstrations.csv"
+RECORDINGS = "recordings"
+
+Result = Literal["completed", "discarded", "interrupted"]
+
+
+@dataclass(frozen=True)
+class EpisodeRow:
+    """One recorded episode.
+
+    Attributes:
+        episode: its number, from 1. Discarded episodes have the number of the next completed one.
+        attempt: number of the attempt at this episode, from 1.
+        recording: path of its recording, relative to the folder.
+        environment: id of the environment.
+        people: name of the population.
+        impairment: the person's impairment.
+        sample: number of the sampled person, from 0.
+        seed: seed of person and initial state.
+        sex: sex of the body model.
+        torso_height_m: the person's torso height.
+        result: ``completed``, ``discarded`` or ``interrupted``.
+        success: whether the operator marked the episode as a success.
+        task_success: whether the task's own criterion was met.
+        steps: number of control steps.
+        driven_by: ``operator``, ``demonstrator`` or ``simulated``.
+    """
+
+    episode: int
+    attempt: int
+    recording: str
+    environment: str
+    people: str
+    impairment: str
+    sample: int
+    seed: int
+    sex: str
+    torso_height_m: float
+    result: Result
+    success: bool
+    task_success: bool
+    steps: int
+    driven_by: str
+
+
+class DemonstrationFolder:
+    """Table and recordings of the demonstrations of one environment. An existing folder is continued."""
+
+    def __init__(self, folder: Path, environment: str) -> None:
+        """Read the table, if there is one.
+
+        Raises:
+            ValueError: if the folder contains something else, or demonstrations of another environment.
+        """
+        self.folder, self._table = folder, folder / TABLE
+        if folder.exists() and not self._table.is_file() and any(folder.iterdir()):
+            raise ValueError(f"{folder} contains other files; give --out an empty or new folder")
+        self.rows = read_table(self._table) if self._table.is_file() else []
+        others = {row["environment"] for row in self.rows} - {environment}
+        if others:
+            raise ValueError(
+                f"{folder} contains demonstrations of {', '.join(sorted(others))}; give --out another folder"
+            )
+        folder.mkdir(parents=True, exist_ok=True)
+        if not self._table.is_file():
+            with self._table.open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerow([field.name for field in fields(EpisodeRow)])
+
+    @property
+    def recordings(self) -> Path:
+        """The folder of the recordings."""
+        return self.folder / RECORDINGS
+
+    @property
+    def num_samples(self) -> int:
+        """Number of people that were sampled until now."""
+        return max((int(row["sample"]) + 1 for row in self.rows), default=0)
+
+    def count(self, result: Result, *, success: bool | None = None) -> int:
+        """Returns the number of episodes with a result, of which the operator marked a success if it is not None."""
+        marks = {None: ("True", "False"), True: ("True",), False: ("False",)}[success]
+        return sum(row["result"] == result and row["success"] in marks for row in self.rows)
+
+    def append(self, row: EpisodeRow) -> None:
+        """Add an episode to the end of the table. Raises ``OSError`` if it cannot be written."""
+        values = {name: str(value) for name, value in asdict(row).items()}
+        with self._table.open("a", newline="", encoding="utf-8") as file:
+            csv.writer(file).writerow(values.values())
+        self.rows.append(values)
+
+
+def read_table(table: Path) -> list[dict[str, str]]:
+    """Returns the rows of a table as text. Raises ``ValueError`` for other columns."""
+    with table.open(newline="", encoding="utf-8") as file:
+        reader = csv.DictReader(file)
+        rows, columns = list(reader), [field.name for field in fields(EpisodeRow)]
+        if reader.fieldnames != columns:
+            raise ValueError(f"{table} has other columns; expected: {', '.join(columns)}")
+    return rows
