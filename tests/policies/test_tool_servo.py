@@ -5,10 +5,10 @@ import pytest
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.policies.cartesian_control import (
-    SPEED_LIMIT_M_S,
-    TURN_LIMIT_RAD_S,
+    HAND_ANGULAR_SPEED_LIMIT_RAD_S,
+    HAND_SPEED_LIMIT_M_S,
     CartesianController,
 )
 from avrgym.policies.tool_servo import MAX_LEAD_M, ToolServo
@@ -35,7 +35,7 @@ class Teleoperation:
 
     @property
     def tool(self) -> FloatArray:
-        return self.simulation.body_poses(0)[self.simulation.bodies.index(TOOL)].copy()
+        return self.simulation.body_poses(0)[self.simulation.bodies.index(SCENE_TOOL_BODY)].copy()
 
     def engage(self, scale: float = 1.0) -> None:
         self.servo.engage(self.pos_w, self.q_w, scale)
@@ -52,7 +52,7 @@ class Teleoperation:
                 self.pos_w = self.pos_w + step
             if turn is not None:
                 self.q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
-            self.episodes.loop.tick(self)
+            self.episodes.control_loop.tick(self)
 
 
 @pytest.mark.parametrize("scale", [0.5, 1.0])
@@ -92,7 +92,7 @@ def test_a_fast_controller_meets_the_speed_limits_and_its_excess_is_lost(environ
     linear, angular = arm.servo.velocity(arm.pos_w, arm.q_w)
     action = arm.hand.action(linear, angular)
     reached = arm.hand.velocity(action)
-    assert np.linalg.norm(reached[0]) <= SPEED_LIMIT_M_S + 1e-9
-    assert np.linalg.norm(reached[1]) <= TURN_LIMIT_RAD_S + 1e-9
+    assert np.linalg.norm(reached[0]) <= HAND_SPEED_LIMIT_M_S + 1e-9
+    assert np.linalg.norm(reached[1]) <= HAND_ANGULAR_SPEED_LIMIT_RAD_S + 1e-9
     arm.follow(100)
     assert np.linalg.norm(arm.tool[:3] - before[:3]) < MAX_LEAD_M + 0.01

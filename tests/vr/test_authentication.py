@@ -176,11 +176,13 @@ def test_one_demonstrator_drives_and_nobody_else_steers(server: LiveServer) -> N
         assert isinstance(hear(first, Message), Welcome)
         with opened(server, "/watch", server.tokens.demonstrator) as second:
             problem = hear(second, Problem)
-            assert problem.message.startswith("a demonstrator is already connected")
+            assert cast(Problem, problem).message.startswith("a demonstrator is already connected")
     with opened(server, "/watch", server.tokens.experimenter) as socket:
         hear(socket, Welcome)
         tell(socket, steer)
-        assert hear(socket, Problem).message.startswith("only demonstrators may steer the robot")
+        assert cast(Problem, hear(socket, Problem)).message.startswith(
+            "only demonstrators may steer the robot"
+        )
 
 
 @pytest.mark.parametrize("path", SOCKETS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from avrgym.geometry import transforms
-from avrgym.models.scene import TOOL
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.replay.verification import verify
 from avrgym.vr.live_world.drivers import OPERATOR_TIMEOUT_S, OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
@@ -44,7 +44,7 @@ def in_trial(folder: Path, steps: int = 40) -> Visit:
 
 
 def tool_pos_w(world: LiveWorld) -> np.ndarray:
-    return world.simulation.body_poses(0)[world.bodies.index(TOOL), :3].copy()
+    return world.simulation.body_poses(0)[world.bodies.index(SCENE_TOOL_BODY), :3].copy()
 
 
 def steer_along(visit: Visit, start: np.ndarray, step: np.ndarray, ticks: int, **how: object) -> np.ndarray:
@@ -127,7 +127,7 @@ def test_only_one_person_drives_and_every_step_records_who(tmp_path: Path) -> No
     visit.answer(1, 2, 3, 4)
     visit.leave()
     (recording,) = visit.recordings()
-    drivers = [step.driver for _, step in recording.topics["/control"]]
+    drivers = [step.driver for _, step in recording.messages_by_topic["/control"]]
     assert drivers[:3] == ["demonstrator"] * 3
     assert drivers[4:6] == ["operator"] * 2
     assert verify(recording).identical

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from avrgym.cli.options import (
-    PEOPLE,
-    EpisodeSteps,
-    Impairment,
-    SceneSettings,
-    Seed,
+    ALLOWED_PEOPLE,
+    EpisodeStepsOption,
+    ImpairmentOption,
+    SeedOption,
+    SettingsOption,
 )
-from avrgym.cli.progress import SAME_COMMAND_CONTINUES, progress_bar
+from avrgym.cli.progress import CONTINUE_HINT, progress_bar
 from avrgym.cli.serve import wait_for_server
 from avrgym.cli.terminal import print_line, report_errors
 from avrgym.tasks.constants import EPISODE_STEPS
-from avrgym.vr.server.addresses import EVERY_ADDRESS, LOOPBACK, PORT
+from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
@@ -31,10 +31,10 @@ def demonstrate(
     people: Annotated[
         list[str] | None,
         typer.Option(
-            help=f"A population; repeatable: the people alternate. Default: participants. {PEOPLE}."
+            help=f"A population; repeatable: the people alternate. Default: participants. {ALLOWED_PEOPLE}."
         ),
     ] = None,
-    impairment: Impairment = "none",
+    impairment: ImpairmentOption = "none",
     out: Annotated[
         Path, typer.Option(help="The folder of recordings and success marks; an existing one is continued.")
     ] = Path("demonstrations"),
@@ -52,14 +52,14 @@ def demonstrate(
     ] = True,
     port: Annotated[
         int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = PORT,
+    ] = DEFAULT_PORT,
     lan: Annotated[
         bool,
         typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
     ] = False,
-    seed: Seed = 0,
-    settings: SceneSettings = None,
-    episode_steps: EpisodeSteps = EPISODE_STEPS,
+    seed: SeedOption = 0,
+    settings: SettingsOption = None,
+    episode_steps: EpisodeStepsOption = EPISODE_STEPS,
 ) -> None:
     """Record demonstrations: you drive the robot in VR, or by keyboard or gamepad, next to simulated people.
 
@@ -99,8 +99,8 @@ def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder") -> None:
     session = DemonstrationSession(
         plan, folder, lambda message: None, ImmediateExecutor(), driven_by="simulated"
     )
-    with progress_bar("demonstrations", plan.episodes, "episodes", SAME_COMMAND_CONTINUES) as bar:
-        run(session, plan.seed, progress=lambda: bar.show(folder.count("completed")))
+    with progress_bar("demonstrations", plan.episodes, "episodes", CONTINUE_HINT) as bar:
+        run(session, plan.seed, progress=lambda: bar.update(folder.count("completed")))
 
 
 def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, *, lan: bool) -> None:
@@ -112,7 +112,7 @@ def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, 
     from avrgym.vr.server.live_server import LiveServer
 
     certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
-    host = EVERY_ADDRESS if lan else LOOPBACK[0]
+    host = ALL_INTERFACES if lan else LOOPBACK_HOSTS[0]
     with (
         ThreadPoolExecutor(1) as workers,
         LiveServer(
@@ -123,10 +123,10 @@ def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, 
         print_line(
             "Open this address in the headset's browser, or in Chrome on this computer. Stop with Ctrl+C."
         )
-        for url in server.urls("demonstrator", server.tokens.demonstrator):
+        for url in server.page_urls("demonstrator", server.tokens.demonstrator):
             print_line(f"    {url}")
         print_line("Headset on a USB cable (Quest, Pico): run this first")
         print_line(f"    adb reverse tcp:{server.port} tcp:{server.port}")
         print_line("Spectators")
-        print_line(f"    {server.urls('spectator', server.tokens.spectator)[0]}")
+        print_line(f"    {server.page_urls('spectator', server.tokens.spectator)[0]}")
         wait_for_server(server)

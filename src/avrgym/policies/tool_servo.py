@@ -6,8 +6,8 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.kinematics import Chain, jacobian
 from avrgym.models import robot
-from avrgym.models.scene import TOOL
-from avrgym.policies.cartesian_control import SPEED_LIMIT_M_S, TURN_LIMIT_RAD_S
+from avrgym.models.scene import SCENE_TOOL_BODY
+from avrgym.policies.cartesian_control import HAND_ANGULAR_SPEED_LIMIT_RAD_S, HAND_SPEED_LIMIT_M_S
 from avrgym.simulation.worlds import Simulation
 
 GAIN_PER_S = 8.0
@@ -30,7 +30,7 @@ class ToolServo:
         """Find hand and tool in the scene. ``chain``: kinematic chain of the arm."""
         names = simulation.bodies
         self._simulation, self._chain = simulation, chain
-        self._tool = names.index(TOOL)
+        self._tool = names.index(SCENE_TOOL_BODY)
         self._hand = names.index(robot.PREFIX + simulation.scene.arm.end_effector)
 
     def engage(self, pos_w: FloatArray, q_w: FloatArray, scale: float) -> None:
@@ -59,7 +59,7 @@ class ToolServo:
         self._tool_q_w = transforms.multiply(transforms.conjugate(turned), target_q_w)
         linear, angular = GAIN_PER_S * lead, GAIN_PER_S * lead_turn
         of_hand = linear + np.cross(angular, hand_pos_w - tool_pos_w)
-        return of_hand / SPEED_LIMIT_M_S, angular / TURN_LIMIT_RAD_S
+        return of_hand / HAND_SPEED_LIMIT_M_S, angular / HAND_ANGULAR_SPEED_LIMIT_RAD_S
 
     def _commanded(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Returns the position (3,) of the hand, and position (3,) and quaternion (4,) of the tool, at the servo

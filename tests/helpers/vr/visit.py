@@ -17,7 +17,6 @@ from avrgym.vr.protocol.messages import (
     TICK_S,
     Answer,
     Entered,
-    ParticipantDisconnected,
     Phase,
     Problem,
     Question,
@@ -156,9 +155,7 @@ class Visit:
         """Read the recordings of all attempts so far."""
         return [read_recording(path) for path in self.session.recordings]
 
-    def send(
-        self, *sent: messages.ClientMessage | messages.ExperimenterMessage | ParticipantDisconnected
-    ) -> None:
+    def send(self, *sent: messages.ReceivedMessage) -> None:
         """Send messages to the session."""
         for message in sent:
             self.session.receive(message, self.now_s)

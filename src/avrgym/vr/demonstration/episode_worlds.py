@@ -5,14 +5,14 @@ from dataclasses import dataclass, field
 
 from avrgym.models.human import SEXES, Person
 from avrgym.people import impairments
-from avrgym.people.population_names import Impairment
+from avrgym.people.population_names import ImpairmentName
 from avrgym.people.populations import Population, find_populations
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import TASKS, find_environment
-from avrgym.tasks.settings import DEFAULTS, Settings
-from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, draw_traits
+from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.trial_worlds import resting_person
 
@@ -35,7 +35,7 @@ class DemonstrationPlan:
     steps: int = EPISODE_STEPS
     seed: int = 0
     force_guard: bool = True
-    settings: Settings = DEFAULTS
+    settings: Settings = DEFAULT_SETTINGS
     populations: tuple[Population, ...] = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -57,7 +57,7 @@ class EpisodeWorld:
     sample: int
     seed: int
     people: str
-    impairment: Impairment
+    impairment: ImpairmentName
     participant: SimulatedParticipant
     world: LiveWorld
 
@@ -110,7 +110,9 @@ def _build(plan: DemonstrationPlan, sample: int) -> EpisodeWorld:
     seed, sex = int(random.integers(2**31)), SEXES[int(random.integers(len(SEXES)))]
     population = plan.populations[sample % len(plan.populations)]
     impairment = population.effective_impairment(impairments.find_impairment(plan.impairment))
-    traits = draw_traits(sex, seed, population.distribution, impairment, population.trained)
+    traits = sample_participant_traits(
+        sex, seed, population.distribution, impairment, population.trained_policy
+    )
     participant = SimulatedParticipant(traits, seed)
     participant.adopt_posture(plan.environment, plan.settings)
     person = resting_person(plan.environment, Person(sex, traits.torso_height_m), plan.settings)

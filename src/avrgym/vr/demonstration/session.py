@@ -10,11 +10,11 @@ import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.policies.names import OPERATOR
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.recording import schema
-from avrgym.recording.configuration import Configuration
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.schema import AttemptEnd
-from avrgym.tasks.control_loop import ControlStep
+from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.registry import find_environment, task_goal
 from avrgym.tasks.settings import Settings
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorlds
@@ -23,11 +23,11 @@ from avrgym.vr.emulation.in_process_client import TRACKING_INTERVAL_TICKS
 from avrgym.vr.live_world.drivers import OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol import messages
-from avrgym.vr.protocol.messages import Received, Send
+from avrgym.vr.protocol.messages import ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.attempt import Attempt, configuration
+from avrgym.vr.session.attempt import Attempt, attempt_configuration
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, Reporter, viewing_status
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, viewing_status
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 MARK_EVENT = "demonstration"
@@ -47,7 +47,7 @@ class DemonstrationSession:
         self,
         plan: DemonstrationPlan,
         folder: DemonstrationFolder,
-        send: Send,
+        send: SendMessage,
         workers: Executor,
         *,
         driven_by: str = "",
@@ -69,7 +69,7 @@ class DemonstrationSession:
         self._worlds = EpisodeWorlds(plan, workers, folder.num_samples)
         self._driven_by = driven_by
         self._driver = OperatorDriver()
-        self._reporter = Reporter(send)
+        self._reporter = StateReporter(send)
         self.attempt: Attempt | None = None
         self._mark = ""
         self._now_s, self._ticks = 0.0, 0
@@ -87,27 +87,27 @@ class DemonstrationSession:
         """Whether no episode runs."""
         return self.stage != "running"
 
-    def welcome(self, send: Send, role: messages.Role, now_s: float) -> None:
+    def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
         """Send the current state to a new connection."""
         name = self.plan.environment
-        send(messages.Welcome(messages.PROTOCOL, name, role, haptics=True, sounds=True))
+        send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=True, sounds=True))
         send(self._scene())
         send(self._phase())
         send(self._progress())
 
-    def receive(self, message: Received, now_s: float) -> None:
+    def receive(self, message: ReceivedMessage, now_s: float) -> None:
         """Handle a message of a client; ignores messages that only other sessions use."""
         match message:
             case messages.Demonstrate():
                 self._press(message.button)
             case messages.Drive():
-                self._refuse(self._driver.take_command(message, now_s), message.source)
+                self._refuse(self._driver.apply_command(message, now_s), message.source)
             case messages.Steer():
                 self._refuse(self._driver.apply_steering(message, now_s), "demonstrator")
             case messages.DemonstratorDisconnected():
                 self._release("driver_left")
             case messages.Command(name="stop"):
-                self._driver.release()
+                self._driver.stop_robot()
             case messages.Command(name="skip"):
                 self._press("discard")
             case messages.Command(name="end"):
@@ -166,7 +166,7 @@ class DemonstrationSession:
     def _release(self, event: str) -> None:
         """Stop the robot, because its operator left or sends nothing. Records the event."""
         driver = self._driver.holder
-        self._driver.release()
+        self._driver.stop_robot()
         if self.attempt is not None and driver:
             force_n = float(self.world.simulation.tool_force_n()[0])
             self._record_event(event, f"{driver}; contact force of the tool {force_n:.1f} N")
@@ -178,9 +178,9 @@ class DemonstrationSession:
         world, participant = self._current.world, self._current.participant
         self._tracking = TrackingState()
         self.scenes.append((world.environment_id, world.person, world.settings))
-        world.prepare(self._driver, force_guard=self.plan.force_guard)
+        world.prepare_driver(self._driver, force_guard=self.plan.force_guard)
         scene = self._scene()
-        participant.watch(scene)
+        participant.receive(scene)
         self._send(scene)
         self._change_stage("ready")
 
@@ -193,31 +193,31 @@ class DemonstrationSession:
         else:
             self._change_stage("preparing")
 
-    def _advance(self) -> ControlStep | None:
+    def _advance(self) -> FirstWorldStep | None:
         world, attempt = self.world, self.attempt
         moving = self.stage == "running"
         if self._ticks % TRACKING_INTERVAL_TICKS == 0:
-            frame = self._current.participant.frame(self._now_s, moving=moving)
-            self._tracking.take(frame, self._now_s)
+            frame = self._current.participant.tracking_frame(self._now_s, moving=moving)
+            self._tracking.add_frame(frame, self._now_s)
             if self._tracking.registration is None and frame.head is not None:
-                self._tracking.place(frame.head, world.person, world.scene_config.posture)
-        followed = self._tracking.follow(world.task.tracked, self._now_s)
-        if followed.pose is not None:
-            world.follow(followed.pose)
+                self._tracking.place_seat(frame.head, world.person, world.scene_config.posture)
+        followed = self._tracking.update(world.task.tracked, self._now_s)
+        if followed.target_pose is not None:
+            world.follow_pose(followed.target_pose)
         if attempt is not None:
             attempt.record_frames(followed)
-            attempt.record_targets(world.joint_targets_rad, self._now_s)
+            attempt.record_joint_targets(world.joint_targets_rad, self._now_s)
         step = world.tick(self._driver if moving else None)
         if attempt is not None:
             attempt.record_physics(world, self._now_s)
         self._reporter.tick(world, self._tracking, step)
         if moving and self._ticks % WATCH_INTERVAL_TICKS == 0:
-            self._current.participant.watch(self._reporter.state(world, self._tracking))
+            self._current.participant.receive(self._reporter.state(world, self._tracking))
         return step
 
     def _begin_episode(self) -> None:
         world = self.world
-        world.hold()
+        world.stop_robot()
         try:
             self.attempt = Attempt(
                 self._folder.recordings,
@@ -228,20 +228,20 @@ class DemonstrationSession:
         except OSError as error:
             self._send(messages.Problem(f"the episode cannot be recorded: {error}", "experimenter"))
             return
-        self._tracking.take_arrived()
+        self._tracking.pop_arrived_frames()
         self.attempt.record_physics(world, self._now_s)
-        world.prepare(self._driver, force_guard=self.plan.force_guard)
+        world.prepare_driver(self._driver, force_guard=self.plan.force_guard)
         self._mark = ""
         self._record_event("phase", "trial")
         self._change_stage("running")
 
-    def _finish_step(self, step: ControlStep) -> None:
+    def _finish_step(self, step: FirstWorldStep) -> None:
         attempt = self.attempt
         if attempt is None:
             return
         attempt.record_step(step, self._driver.driven_by, self._driver.idle, self._now_s)
-        if attempt.failure is not None:
-            self._send(messages.Problem(f"the recording failed: {attempt.failure}", "experimenter"))
+        if attempt.recording_error is not None:
+            self._send(messages.Problem(f"the recording failed: {attempt.recording_error}", "experimenter"))
             self._end_episode("interrupted")
             self._leave_world()
         elif self._mark or attempt.steps >= self.plan.steps:
@@ -251,7 +251,7 @@ class DemonstrationSession:
     def _end_episode(self, result: Result) -> None:
         """End a running episode, and store its recording and its row."""
         attempt, self.attempt = self.attempt, None
-        self._driver.release()
+        self._driver.stop_robot()
         if attempt is None:
             return
         marked = result == "completed" and self._mark == "success"
@@ -266,9 +266,9 @@ class DemonstrationSession:
             result = "interrupted"
         person = self.world.person
         row = EpisodeRow(
-            episode=attempt.trial,
+            episode=attempt.trial_number,
             attempt=attempt.number,
-            recording=str(attempt.path.relative_to(self._folder.folder)),
+            recording=str(attempt.recording_file.relative_to(self._folder.folder)),
             environment=self.plan.environment,
             people=self._current.people,
             impairment=self._current.impairment,
@@ -284,9 +284,9 @@ class DemonstrationSession:
         )
         self._folder.append(row)
 
-    def _configuration(self, number: int) -> Configuration:
+    def _configuration(self, number: int) -> TrialConfiguration:
         plan, world = self.plan, self.world
-        trial = TrialPlan(plan.environment, OPERATOR, self._current.seed, practice=False, items=())
+        trial = TrialPlan(plan.environment, OPERATOR_POLICY, self._current.seed, practice=False, items=())
         session = SessionPlan(
             [trial],
             world.person.sex,
@@ -299,7 +299,7 @@ class DemonstrationSession:
         )
         registration = self._tracking.registration or self._floor
         place = registration.xr_from_world()
-        made = configuration(session, 0, number, world, place, self._folder.folder.name, ())
+        made = attempt_configuration(session, 0, number, world, place, self._folder.folder.name, ())
         return msgspec.structs.replace(made, trial=self._folder.count("completed") + 1)
 
     def _record_event(self, name: str, detail: str) -> None:
@@ -314,7 +314,7 @@ class DemonstrationSession:
         self._send(self._progress())
 
     def _scene(self) -> messages.Scene:
-        return self.world.scene(len(self.scenes) - 1, self._floor)
+        return self.world.scene_message(len(self.scenes) - 1, self._floor)
 
     def _phase(self) -> messages.Phase:
         text = f"{self.plan.environment}: {self.stage}"
@@ -336,7 +336,7 @@ class DemonstrationSession:
         attempt, world = self.attempt, self.world
         return viewing_status(
             world.simulation,
-            attempt.latest if attempt else None,
+            attempt.latest_step if attempt else None,
             environment=self.plan.environment,
             torso_height_m=world.person.torso_height_m,
             episode=self._folder.count("completed") + 1,
@@ -346,5 +346,5 @@ class DemonstrationSession:
             success=attempt.success if attempt else False,
             operated=True,
             idle=self._driver.idle,
-            retracting=world.guard is not None and bool(world.guard.retracting[0]),
+            retracting=world.guard is not None and bool(world.guard.retracting_mask[0]),
         )

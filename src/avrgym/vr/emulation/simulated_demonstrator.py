@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import robot
-from avrgym.models.scene import CONTROL_STEP_S, TOOL
+from avrgym.models.scene import CONTROL_STEP_S, SCENE_TOOL_BODY
 from avrgym.policies.cartesian_control import CartesianController
 from avrgym.policies.registry import ActionFunction
 from avrgym.system import random_streams
@@ -61,7 +61,10 @@ class SimulatedDemonstrator:
         self._expert: ActionFunction = world.expert()
         self._hand = CartesianController(simulation)
         names = simulation.bodies
-        self._bodies = [names.index(TOOL), names.index(robot.PREFIX + simulation.scene.arm.end_effector)]
+        self._bodies = [
+            names.index(SCENE_TOOL_BODY),
+            names.index(robot.PREFIX + simulation.scene.arm.end_effector),
+        ]
         self._pos_w, self._q_w = self._rest_w, transforms.IDENTITY_QUATERNION
         self._speed, self._wanted, self._noise = np.zeros(6), np.zeros(6), np.zeros(6)
         self._intended: deque[tuple[float, FloatArray]] = deque()

@@ -380,7 +380,7 @@ class OperatorDriver:
         self._changed = True
 
     def is_overdue(self, now_s: float) -> bool:
-        """Whether the latest command is older than ``OPERATOR_TIMEOUT_S``. The caller must then stop_robot the robot."""
+        """Whether the latest command is older than ``OPERATOR_TIMEOUT_S``. The caller must then stop the robot."""
         return self.holder is not None and now_s - self._commanded_s > OPERATOR_TIMEOUT_S
 
     def act(self, observation: FloatArray) -> FloatArray:
@@ -416,7 +416,7 @@ class OperatorDriver:
     def _leave(self, role: OperatorRole) -> None:
         self._refused.discard(role)
         if self.holder == role:
-            self.release()
+            self.stop_robot()
 
     def _refuse(self, role: OperatorRole) -> str:
         if role in self._refused:

@@ -10,7 +10,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from avrgym.system.files import make_private_folder, write_atomically
+from avrgym.system.files import PRIVATE_FILE_MODE, make_private_folder, write_atomically
 from avrgym.vr.protocol.messages import Language, Role
 
 TOKEN_BYTES = 16
@@ -82,7 +82,7 @@ class Tokens:
         complete = msgspec.json.encode(tokens)
         if data != complete:  # new, or of a version without some role
             make_private_folder(path.parent)
-            write_atomically(path, complete, PRIVATE_FILE)
+            write_atomically(path, complete, PRIVATE_FILE_MODE)
         return tokens
 
     def client_of_token(self, token: str) -> AuthenticatedClient | None:

@@ -116,7 +116,7 @@ class EnvironmentViewer:
         """Advance by 10 ms."""
         self._now_s = now_s
         if isinstance(self._driver, OperatorDriver) and self._driver.is_overdue(now_s):
-            self._driver.release()
+            self._driver.stop_robot()
         if not self._paused:
             self._go_on()
         self._ticks += 1

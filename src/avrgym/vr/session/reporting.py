@@ -133,7 +133,7 @@ def make_status(
 
 
 def viewing_status(
-    simulation: Simulation, latest: ControlStep | None, *, environment: str, torso_height_m: float, episode: int,
+    simulation: Simulation, latest: FirstWorldStep | None, *, environment: str, torso_height_m: float, episode: int,
     step: int, steps: int, reward: float, success: bool, operated: bool, idle: bool, paused: bool = False,
     retracting: bool = False,
 ) -> messages.Status:  # fmt: skip

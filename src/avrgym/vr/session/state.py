@@ -392,7 +392,7 @@ class SessionState:
         """Record when a failure of the driver begins or ends. Reports each kind of failure once per attempt."""
         if isinstance(self.driver, OperatorDriver) and self.driver.is_overdue(self.now_s):
             self.stop_operator(self.driver, "driver_stale")
-        failure = self.driver.latest_failure
+        failure = self.driver.failure_message
         if failure == self.drivers.latest_failure:
             return
         self.drivers.latest_failure = failure
@@ -407,7 +407,7 @@ class SessionState:
         """Stop the robot, because its operator left or sends nothing. Records the event."""
         force_n = float(self.world.simulation.tool_force_n()[0])
         self.record_event(event, f"{driver.holder}; contact force of the tool {force_n:.1f} N")
-        driver.release()
+        driver.stop_robot()
 
     def record_guard_interventions(self) -> None:
         """Record each intervention of the force guard with its reason, and its end."""

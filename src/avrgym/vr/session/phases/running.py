@@ -65,7 +65,7 @@ class RunningTrial(StoppablePhase):
 
     def drive(self, command: messages.Drive) -> None:
         if isinstance(self.driver, OperatorDriver):
-            self._refuse_driver(self.driver.handle_command(command, self.state.now_s), command.source)
+            self._refuse_driver(self.driver.apply_command(command, self.state.now_s), command.source)
         else:
             self._refuse_without_operator(command.source, engaged=command.engaged)
 
