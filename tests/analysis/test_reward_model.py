@@ -1,13 +1,17 @@
 """Reward weights that are fitted to ratings of trials."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from avrgym.analysis.reward_model import RatedTrial, compare, fit_reward, fit_task, fit_weights, write_models
+from avrgym.cli.main import app
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from helpers.studies.known_results import enrol_included, run_trials
 from helpers.studies.small_studies import make_study
 
 TERMS = ("force_on_person_n", "tool_speed_m_s", "distance_m")
@@ -74,3 +78,18 @@ def test_a_study_without_comparisons_is_refused(tmp_path: Path) -> None:
     (tmp_path / "reward.json").write_text("")
     with pytest.raises(FileExistsError, match="already exists"):
         write_models([], tmp_path / "reward.json")
+
+
+@pytest.mark.slow
+def test_a_study_with_comparisons_yields_a_file(tmp_path: Path) -> None:
+    study = make_study(tmp_path / "study")
+    with Store(study) as store:
+        for _ in range(3):
+            run_trials(store, enrol_included(store))
+    out = tmp_path / "reward.json"
+    run = CliRunner().invoke(app, ["fit-reward", str(study), "--out", str(out)])
+    assert run.exit_code == 0, run.output
+    for model in json.loads(out.read_text()):
+        assert set(model["weights"]) == {"distance_m", "action_squared", "force_on_person_n"}
+        assert (model["participants"], model["simulated"]) == (3, True)
+        assert 0.0 <= model["accuracy"] <= 1.0
