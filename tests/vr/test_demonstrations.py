@@ -1,0 +1,123 @@
+"""Laws of demonstration sessions: episodes with other people, marks and counts, recordings that replay bit by bit."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym.recording.reader import read_recording
+from avrgym.replay.verification import verify
+from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
+from avrgym.vr.demonstration.session import DemonstrationSession
+from avrgym.vr.demonstration.simulated import demonstrate
+from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow
+from avrgym.vr.protocol.messages import (
+    TICK_S,
+    Demonstrate,
+    DemonstrationButton,
+    DemonstrationProgress,
+    Message,
+    Scene,
+)
+from avrgym.vr.session.preparation import ImmediateExecutor
+
+ENVIRONMENT = "avrgym/FeedingJaco-v1"
+
+
+def row(episode: int, **changes: object) -> EpisodeRow:
+    values: dict[str, object] = {
+        **{"episode": episode, "attempt": 1, "recording": "r.mcap", "environment": ENVIRONMENT},
+        **{"people": "revised", "impairment": "none", "sample": episode, "seed": 1, "sex": "man"},
+        **{"torso_height_m": 0.6, "result": "completed", "success": True, "task_success": True, "steps": 5},
+        **{"driven_by": "demonstrator"},
+    }
+    return EpisodeRow(**{**values, **changes})  # type: ignore[arg-type]
+
+
+def test_a_folder_is_continued_and_counts_marks(tmp_path: Path) -> None:
+    folder = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
+    for each in (row(1), row(2, success=False), row(3, result="discarded", success=False)):
+        folder.append(each)
+    again = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
+    assert (again.count("completed"), again.count("completed", success=True)) == (2, 1)
+    assert (again.count("discarded"), again.num_samples) == (1, 4)
+
+
+def test_a_folder_with_other_contents_is_refused_and_unchanged(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ValueError, match="contains other files; give --out an empty or new folder"):
+        DemonstrationFolder(tmp_path, ENVIRONMENT)
+    DemonstrationFolder(tmp_path / "d", ENVIRONMENT).append(row(1))
+    with pytest.raises(ValueError, match="demonstrations of avrgym/FeedingJaco-v1; give --out another"):
+        DemonstrationFolder(tmp_path / "d", "avrgym/FeedingPR2-v1")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d", "notes.txt"]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"people": ("nobody",)}, {"environment": "avrgym/No-v1"}, {"impairment": "no"}]
+)
+def test_unknown_names_are_refused_with_the_allowed_ones(wrong: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="allowed"):
+        DemonstrationPlan(**{"environment": ENVIRONMENT, **wrong})  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path) -> None:
+    received: list[Message] = []
+    folder = DemonstrationFolder(tmp_path, ENVIRONMENT)
+    plan = DemonstrationPlan(ENVIRONMENT, ("zoo/train", "participants"), episodes=1, steps=3)
+    session = DemonstrationSession(plan, folder, received.append, ImmediateExecutor())
+    now_s = 0.0
+
+    def press(button: DemonstrationButton, ticks: int) -> None:
+        nonlocal now_s
+        session.receive(Demonstrate(button), now_s)
+        for _ in range(ticks):
+            now_s += TICK_S
+            session.tick(now_s)
+
+    press("success", 5)
+    assert (session.stage, folder.rows) == ("ready", [])
+    press("start", 15)
+    press("discard", 5)
+    assert session.stage == "ready"
+    press("start", 12)
+    press("success", 20)
+    assert session.stage == "finished"
+    session.close(now_s)
+    assert [(each["episode"], each["attempt"], each["result"], each["success"]) for each in folder.rows] == [
+        ("1", "1", "discarded", "False"),
+        ("1", "2", "completed", "True"),
+    ]
+    assert [each["people"] for each in folder.rows] == ["zoo/train", "participants"]
+    assert len([message for message in received if isinstance(message, Scene)]) == 2
+    progress = [message for message in received if isinstance(message, DemonstrationProgress)][-1]
+    assert (progress.stage, progress.completed, progress.successes, progress.discarded) == (
+        "finished",
+        1,
+        1,
+        1,
+    )
+    for each, result in zip(folder.rows, ("repeated", "completed"), strict=True):
+        recording = read_recording(tmp_path / each["recording"])
+        assert recording.outcome is not None
+        assert recording.outcome.result == result
+        assert verify(recording).identical
+
+
+@pytest.mark.slow
+def test_a_simulated_demonstrator_succeeds_with_a_headsets_messages(tmp_path: Path) -> None:
+    folder = DemonstrationFolder(tmp_path, ENVIRONMENT)
+    plan = DemonstrationPlan(ENVIRONMENT, ("participants",), episodes=1)
+    session = DemonstrationSession(
+        plan, folder, lambda message: None, ImmediateExecutor(), driven_by="simulated"
+    )
+    demonstrate(session, seed=0)
+    (only,) = folder.rows
+    assert (only["success"], only["task_success"], only["driven_by"]) == ("True", "True", "simulated")
+    recording = read_recording(tmp_path / only["recording"])
+    control = [step for _, step in recording.messages_by_topic["/control"]]
+    assert {step.driver for step in control[1:]} <= {"demonstrator", "operator"}
+    assert sum(step.driver == "demonstrator" for step in control) > 0.8 * len(control)
+    assert np.abs([step.action for step in control]).max() <= 1.0
+    assert verify(recording).identical
