@@ -45,6 +45,12 @@ items = [
 ]
 
 [goals]"""
+CONDITION = """
+[conditions.paced]
+policy = "revised"
+commands = ["ready", "slower", "stop"]
+sources = ["caregiver"]
+"""
 
 
 @dataclass(frozen=True)
@@ -82,9 +88,15 @@ def received(socket: ClientConnection, kind: type, wanted: Callable[[Any], bool]
 @pytest.fixture
 def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     monkeypatch.delenv(database.DATABASE_URL_VARIABLE, raising=False)
-    folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
+    policies = {
+        "policies": '["paced"]',
+        "practice_policy": '""',
+        "free_movement_s": "0.1",
+        "trial_steps": "600",
+    }
+    folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', **policies)
     design = folder / "study.toml"
-    design.write_text(design.read_text().replace("[goals]", QUESTIONS, 1))
+    design.write_text(design.read_text().replace("[goals]", QUESTIONS, 1) + CONDITION)
     caregiver_links = SessionLinks()
     with Store(folder) as store, ThreadPoolExecutor(1) as workers, ExperimenterTokens(store) as experimenters:
         links = session_links(store)
@@ -187,3 +199,44 @@ def test_the_page_of_the_caregiver_in_a_browser(served: Served, tmp_path: Path) 
     (participant,) = served.store.participants()
     (given,) = served.store.answers(participant.pseudonym)
     assert (given.item, given.value, given.respondent) == ("safe", 2, CAREGIVER)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("relaxed_limits")
+def test_a_caregiver_takes_part_in_a_trial_in_a_browser(served: Served, tmp_path: Path) -> None:
+    """The participant plays without a headset. The caregiver sees the trial, commands, stops the robot and answers."""
+    expect.set_options(timeout=1000 * PATIENCE_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=CHROMIUM_FLAGS)
+        address = f"http://localhost:{served.server.port}"
+        care, participant = browser.new_page(), browser.new_page(viewport={"width": 480, "height": 480})
+        for page in (care, participant):
+            page.set_default_timeout(1000 * PATIENCE_S)
+        care.goto(f"{address}/caregiver?detail=light#token={served.link}")
+        commands = care.get_by_role("group", name="Commands to the robot")
+        expect(care.locator("#phase")).not_to_be_empty()
+        expect(commands).to_be_hidden()
+        participant.goto(f"{address}/?detail=light#token={served.server.session.links.link}")
+        participant.get_by_role("button", name="Play without a headset").click()
+        go_on = participant.get_by_role("button", name="Go on")
+        while commands.is_hidden():
+            if go_on.is_visible():
+                go_on.click()
+            participant.wait_for_timeout(300.0)
+        assert violations(care) == []
+        care.screenshot(path=tmp_path / "caregiver.png", full_page=True)
+        expect(commands.get_by_role("button")).to_have_count(3)
+        commands.get_by_role("button", name="Slower").click()
+        care.get_by_role("button", name="Stop the robot").click()
+        expect(participant.get_by_text("Choose Go on to repeat the trial")).to_be_visible()
+        expect(commands).to_be_hidden()
+        care.get_by_role("group", name="The robot would ease my work.").get_by_label("4").check()
+        expect(care.locator("#answered")).to_have_text("Your answer is stored.")
+        browser.close()
+    names = [(event.name, event.detail) for event in served.store.events()]
+    given = [detail for name, detail in names if name == "robot commanded"]
+    assert given == ["name slower, source caregiver", "name stop, source caregiver"]
+    assert [detail.partition(",")[0] for name, detail in names if name == "stopped"] == ["by caregiver"]
+    (participant_row,) = served.store.participants()
+    (answer,) = served.store.answers(participant_row.pseudonym)
+    assert (answer.item, answer.value, answer.respondent) == ("eases", 4, CAREGIVER)
