@@ -84,7 +84,7 @@ def test_participants_read_their_preferences_before_a_trial(tmp_path: Path) -> N
         texts = {
             trial.policy: trial_text(
                 "ready",
-                cast("Any", SimpleNamespace(plan=planned, current=trial, trial=0)),
+                cast("Any", SimpleNamespace(plan=planned, current_trial=trial, trial_index=0)),
                 with_preferences=True,
             )
             for trial in planned.trials

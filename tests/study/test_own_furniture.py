@@ -2,18 +2,21 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
-from avrgym.models.furniture.real_furniture import RealFurniture
+from avrgym.models.furniture.real_furniture import FurniturePoint, RealFurniture
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.sessions.serving import StudySessions
-from avrgym.study.sessions.visit import plan_session
+from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
+from avrgym.vr.protocol.messages import MarkPoint, XRPose
 from helpers.studies.small_studies import enrol_with_consent, small_study
+from helpers.vr.visit import Visit
 
 
 @pytest.fixture(autouse=True)
@@ -38,6 +41,38 @@ def test_own_furniture_applies_in_the_sessions_of_its_owner_only(tmp_path: Path)
             assert sessions._session is not None
             assert sessions._session.plan.furniture == expected
             sessions.close(0.0)
+
+
+def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
+    """Without a controller and with impossible points nothing changes. Then the participant is measured again."""
+    with Store(small_study(tmp_path / "study")) as store:
+        name = enrol_with_consent(store)
+        with StudyVisit(store, name) as visit:
+            plan = visit.plan()
+            attended = Visit(tmp_path, plan, make=lambda send: visit.session(plan, send))
+            attended.send(MarkPoint("front"))
+            assert "no controller is tracked" in attended.problems[-1]
+            attended.go_to("calibration")
+            points: tuple[tuple[FurniturePoint, float, float], ...] = (
+                ("front", 0.5, 0.0), ("rear", 0.44, 0.4), ("top", 1.0, 0.5),
+            )  # fmt: skip
+            for top_m in (0.44, 1.0):
+                for point, height_m, back_m in points:
+                    touched = (0.1, top_m if point == "top" else height_m, back_m)
+                    pose = XRPose(touched, (0.0, 0.0, 0.0, 1.0))
+                    attended.send(msgspec.structs.replace(attended.frame(), right=pose), MarkPoint(point))
+                    if top_m < 1.0:
+                        assert attended.session.plan.furniture == store.design.furniture
+                if top_m < 1.0:
+                    assert "the points do not measure a seat" in attended.problems[-1]
+            assert (
+                "measured: 0.5 m high, 0.404 m deep, back at 79.9°, tilted by 8.5°" in attended.problems[-1]
+            )
+            attended.leave()
+        measured = furniture_of(store, name)
+        assert measured is not None
+        assert measured.seat_tilt_deg == pytest.approx(8.53, abs=0.01)
+        assert plan_session(store, name).furniture == measured
 
 
 def test_the_command_line_stores_measures_and_refuses_impossible_ones(tmp_path: Path) -> None:

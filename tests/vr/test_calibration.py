@@ -1,11 +1,20 @@
 """Laws of calibration: torso height from a headset, and registration of seat and head."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
 from avrgym.geometry import transforms
-from avrgym.models.furniture.real_furniture import RealFurniture, change_furniture
-from avrgym.models.human import RECLINED, SEATED, SEXES, Person, Posture, Sex
+from avrgym.models.furniture.real_furniture import (
+    ALLOWED_RANGES,
+    HIPS_FROM_BACK_M,
+    FurniturePoint,
+    RealFurniture,
+    change_furniture,
+    measure_furniture,
+)
+from avrgym.models.human import PROPORTIONS, RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, registration_from_head
 from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
@@ -38,6 +47,54 @@ def test_the_measure_is_the_torso_height_whatever_they_rest_on(
     for height_m in (0.45, 0.54, 0.70):
         head = headset(Person(sex, height_m), posture, height_offset_m)
         assert measure_torso_height(sex, posture, head, real) == pytest.approx(height_m)
+
+
+@pytest.mark.parametrize("posture", POSTURES)
+@pytest.mark.parametrize(
+    ("tilt_deg", "headrest_m", "back_deg"), [(0, 0, 70), (15, 0.05, 75), (30, 0.1, 60), (-5, 0, 90)]
+)
+def test_tilt_and_headrest_do_not_change_the_torso_height(
+    posture: Posture, tilt_deg: float, headrest_m: float, back_deg: float
+) -> None:
+    """The head's height in a real wheelchair is computed from its parts: seat, tilt, backrest and headrest."""
+    real = RealFurniture(
+        seat_back_deg=back_deg, mattress_back_deg=back_deg, seat_tilt_deg=tilt_deg, headrest_m=headrest_m
+    )
+    back, tilt = np.radians(back_deg), np.radians(tilt_deg)
+    for height_m in (0.48, 0.57):
+        hips_m = posture.hips(PROPORTIONS["woman"])[2]
+        hips_m += (HIPS_FROM_BACK_M - real.seat_depth_m) * np.sin(tilt) if posture.seated else -posture.rise_m
+        along = np.array([-np.cos(back), np.sin(back)])
+        forward = np.array([along[1], -along[0]])
+        centre_m = hips_m + (height_m * along + headrest_m * forward)[1]
+        head = headset(Person("woman", height_m), posture, 0.0)
+        raised_m = centre_m - float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
+        head = headset(Person("woman", height_m), posture, raised_m)
+        assert measure_torso_height("woman", posture, head, real) == pytest.approx(height_m)
+
+
+@pytest.mark.parametrize("seated", [True, False])
+def test_three_points_measure_seat_and_mattress(seated: bool) -> None:
+    """Points that are computed from a wheelchair in any direction give its measures back."""
+    real = RealFurniture(
+        seat_height_m=0.52, seat_depth_m=0.45, seat_tilt_deg=12.0, seat_back_deg=72.0,
+        mattress_height_m=0.61, mattress_back_deg=35.0,
+    )  # fmt: skip
+    for turn in (0.3, 2.5):
+        backward = np.array([np.cos(turn), 0.0, np.sin(turn)])
+        tilt, back = np.radians(real.seat_tilt_deg), np.radians(real.seat_back_deg if seated else 35.0)
+        front = np.array([0.4, 0.52 if seated else 0.61, -0.2])
+        rear = front + 0.45 * (np.cos(tilt) * backward - [0.0, np.sin(tilt) if seated else 0.0, 0.0])
+        top = rear + 0.6 * (np.cos(back) * backward + [0.0, np.sin(back), 0.0])
+        points: dict[FurniturePoint, Any] = {"front": front, "rear": rear, "top": top}
+        measured = measure_furniture(VIRTUAL, points, seated=seated)
+        expected = change_furniture(
+            VIRTUAL,
+            **{name: getattr(real, name) for name in ALLOWED_RANGES if name.startswith("seat") is seated},
+        )
+        for name in ALLOWED_RANGES:
+            wanted = getattr(VIRTUAL if name == "headrest_m" else expected, name)
+            assert getattr(measured, name) == pytest.approx(wanted), name
 
 
 @pytest.mark.parametrize("posture", POSTURES)

@@ -79,7 +79,7 @@ def test_every_annotation_names_phases(phase: type[Phase]) -> None:
     ("flag", "step"),
     [
         ("can_be_stopped", "stop"),
-        ("in_place", "repeat"),
+        ("participant_located", "repeat"),
         ("awaits_ready", "on_ready"),
         ("can_recalibrate", "recalibrate"),
         ("can_choose_body", "choose_body"),

@@ -4,7 +4,7 @@ import { isRunning, linkText } from "../session/display-state";
 import { OperatorControl } from "../input/operator-control";
 import { RobotCommandInput } from "../input/robot-commands";
 import { createElement, element, spectatorFrame, watchAddress } from "../page/dom";
-import type { Body, ChooseBody, CommandName, Phase, ServerMessage, Status, Targets } from "../generated/messages";
+import type { Body, ChooseBody, CommandName, FurniturePoint, Phase, ServerMessage, Status, Targets } from "../generated/messages";
 import { PHASE_TEXTS, skipText, statusTexts, timingText } from "../session/session-status";
 import { ENGLISH_TEXTS } from "../page/texts";
 
@@ -39,6 +39,8 @@ export class Live {
     });
     for (const button of this.buttons)
       button.addEventListener("click", () => this.command(button.dataset["command"] as CommandName));
+    for (const button of document.querySelectorAll<HTMLButtonElement>("[data-point]"))
+      button.addEventListener("click", () => this.connection.send({ type: "mark_point", point: button.dataset["point"] as FurniturePoint }));
     for (const select of [this.sex, this.tone]) select.addEventListener("change", () => this.chooseBody());
     const send: (message: Outgoing) => void = (message) => this.connection.send(message);
     this.robotCommands = new RobotCommandInput(element("robot-commands"), send, "experimenter");
@@ -140,6 +142,7 @@ export class Live {
     const runs = isSession(this.phase) && this.phase.name !== "finished";
     for (const button of this.buttons) button.disabled = !runs;
     element("body").hidden = !runs || !this.body;
+    element("furniture-points").hidden = !runs;
     element<HTMLFieldSetElement>("body").disabled = !canChooseBody(this.phase);
     element("live").hidden = !isSession(this.phase) || this.phase.trials === 0;
     element("session-words").textContent = sessionText(this.phase);

@@ -27,6 +27,8 @@ export interface Furniture {
   seat_height_m: number;
   seat_depth_m: number;
   seat_back_deg: number;
+  seat_tilt_deg: number;
+  headrest_m: number;
   mattress_height_m: number;
   mattress_back_deg: number;
 }

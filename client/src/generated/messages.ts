@@ -28,6 +28,8 @@ export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "othe
 
 export type TrackedBodyPart = "head" | "left" | "right";
 
+export type FurniturePoint = "front" | "rear" | "top";
+
 export type Sex = "man" | "woman";
 
 export type Arm = "left" | "right";
@@ -309,6 +311,12 @@ export interface Press {
   value: number;
 }
 
+/** The tracked controller touches a point of the real seat or mattress. Three points measure it. */
+export interface MarkPoint {
+  type: "mark_point";
+  point: FurniturePoint;
+}
+
 /** Velocity command of the operator for the robot's hand, sent many times a second while `engaged`.
  *
  * The components are shares of the maximum speeds. `linear`: forward, left and up in the participant's frame;
@@ -354,7 +362,7 @@ export interface SceneWatched {
   url: string;
 }
 
-export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | Drive | Steer | Demonstrate | WatcherRobotCommand | SceneWatched;
+export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | MarkPoint | Drive | Steer | Demonstrate | WatcherRobotCommand | SceneWatched;
 
 /** The connection is accepted in a role. `haptics` and `sounds`: feedback that the session plan enables. */
 export interface Welcome {

@@ -248,13 +248,11 @@ def _goals(design: Design) -> str:
 
 
 def _seat(design: Design) -> str:
-    seat = design.furniture
-    return f"{seat.seat_height_m:g} m high, {seat.seat_depth_m:g} m deep, back at {seat.seat_back_deg:g}°"
+    return design.furniture.describe(seated=True)
 
 
 def _mattress(design: Design) -> str:
-    bed = design.furniture
-    return f"{bed.mattress_height_m:g} m high, back at {bed.mattress_back_deg:g}°"
+    return design.furniture.describe(seated=False)
 
 
 def _problems(analysis: StudyAnalysis) -> Markup:

@@ -74,7 +74,7 @@ class PacingLayer(PerWorldState):
     """
 
     STATE_FIELDS = (
-        "mode", "speed_factor", "distance_m", "side", "gap_m", "_lateral_m", "_own",
+        "mode", "speed_factor", "preferred_distance_m", "preferred_side", "gap_m", "_lateral_m", "_own",
         "_paused_s", "_moved_s", "_side_tried", "_latest", "_age_s",
     )  # fmt: skip
 

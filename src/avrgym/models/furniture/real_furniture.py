@@ -1,7 +1,8 @@
 """Measures of the real seat and mattress of participants in VR."""
 
 from collections.abc import Mapping
-from math import radians, sin
+from math import atan2, cos, degrees, hypot, radians, sin
+from typing import Literal, get_args
 
 import msgspec
 
@@ -9,10 +10,20 @@ from avrgym.models.furniture.bed import MATTRESS_TOP_M
 from avrgym.models.furniture.wheelchair import SEAT_DEPTH_M, SEAT_HEIGHT_M
 from avrgym.models.human import RECLINED, SEATED, Posture
 
+HIPS_FROM_BACK_M = 0.13
+"""Distance of the centre of the hips from the backrest: about the radius of the hips."""
+FurniturePoint = Literal["front", "rear", "top"]
+"""Points that measure a seat: its front edge, its rear edge at the backrest, and the top of the backrest. On a
+mattress: the surface below the thighs, the start of the raised back, and its upper end."""
+FURNITURE_POINTS: tuple[FurniturePoint, ...] = get_args(FurniturePoint)
+Point = tuple[float, float, float]
+"""A position in metres in ``local-floor``: x and z are horizontal, y is the height above the floor."""
 ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
     "seat_height_m": (0.30, 0.70),
     "seat_depth_m": (0.30, 0.80),
     "seat_back_deg": (45.0, 100.0),
+    "seat_tilt_deg": (-10.0, 45.0),
+    "headrest_m": (0.0, 0.15),
     "mattress_height_m": (0.05, 1.00),
     "mattress_back_deg": (20.0, 90.0),
 }
@@ -22,7 +33,8 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """A real seat and mattress. The defaults are the virtual wheelchair and bed.
 
     Heights above the floor and seat depth are in metres. ``*_back_deg`` are the backrest angles from the horizontal
-    during calibration. The seat depth is only recorded, because calibration uses the position of the head.
+    during calibration. ``seat_tilt_deg``: how far the seat is tilted backwards; the seat height is that of its front
+    edge, and the hips are lower. ``headrest_m``: distance of the resting head in front of the line of the backrest.
 
     Raises:
         ValueError: for a value out of range.
@@ -31,6 +43,8 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     seat_height_m: float = SEAT_HEIGHT_M
     seat_depth_m: float = SEAT_DEPTH_M
     seat_back_deg: float = 90.0 + SEATED.hips_deg
+    seat_tilt_deg: float = 0.0
+    headrest_m: float = 0.0
     mattress_height_m: float = MATTRESS_TOP_M
     mattress_back_deg: float = 90.0 + RECLINED.hips_deg
 
@@ -42,14 +56,30 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def height_offset_m(self, posture: Posture) -> float:
         """Returns the height of the real seat or mattress above the virtual one, in metres."""
-        real_m = self.seat_height_m if posture.seated else self.mattress_height_m
+        lower_m = (self.seat_depth_m - HIPS_FROM_BACK_M) * sin(radians(self.seat_tilt_deg))
+        real_m = self.seat_height_m - lower_m if posture.seated else self.mattress_height_m
         virtual_m = SEAT_HEIGHT_M if posture.seated else MATTRESS_TOP_M
         return real_m - virtual_m - posture.rise_m
 
     def head_height_offset_m(self, posture: Posture, torso_height_m: float) -> float:
         """Returns the height difference of a resting head in metres: on real furniture minus on virtual furniture."""
         real, virtual = (sin(radians(deg)) for deg in (self.backrest_deg(posture), 90.0 + posture.hips_deg))
-        return self.height_offset_m(posture) + torso_height_m * (real - virtual)
+        return self.height_offset_m(posture) + torso_height_m * (real - virtual) + self.head_rise_m(posture)
+
+    def head_rise_m(self, posture: Posture) -> float:
+        """Returns how far the headrest lifts the head, in metres. An upright back: it moves the head forward only."""
+        return self.headrest_m * cos(radians(self.backrest_deg(posture)))
+
+    def describe(self, *, seated: bool) -> str:
+        """Returns the measures of the seat, or of the mattress, in one line of English."""
+        if not seated:
+            return (
+                f"{round(self.mattress_height_m, 3):g} m high, back at {round(self.mattress_back_deg, 1):g}°"
+            )
+        measures = f"{round(self.seat_height_m, 3):g} m high, {round(self.seat_depth_m, 3):g} m deep"
+        tilt = f", tilted by {round(self.seat_tilt_deg, 1):g}°" if self.seat_tilt_deg else ""
+        headrest = f", headrest {round(self.headrest_m, 3):g} m in front" if self.headrest_m else ""
+        return f"{measures}, back at {round(self.seat_back_deg, 1):g}°{tilt}{headrest}"
 
     def backrest_deg(self, posture: Posture) -> float:
         """Returns the backrest angle of the real furniture from the horizontal, in degrees."""
@@ -68,3 +98,30 @@ def change_furniture(defaults: RealFurniture, **values: float | None) -> RealFur
     """
     changed = {name: value for name, value in values.items() if value is not None}
     return RealFurniture(**msgspec.structs.asdict(defaults) | changed)
+
+
+def measure_furniture(
+    before: RealFurniture, points: Mapping[FurniturePoint, Point], *, seated: bool
+) -> RealFurniture:
+    """Returns the furniture with the measures of a seat, or of a mattress, from three points.
+
+    ``points``: the positions of ``FURNITURE_POINTS``. Measures that the points do not determine are those of
+    ``before``.
+
+    Raises:
+        ValueError: for a value out of range. Then a point was not touched.
+    """
+    (front_x, front_m, front_z), rear, top = (points[name] for name in FURNITURE_POINTS)
+    run_x, run_z = rear[0] - front_x, rear[2] - front_z
+    run_m = max(hypot(run_x, run_z), 1e-6)
+    behind_m = ((top[0] - rear[0]) * run_x + (top[2] - rear[2]) * run_z) / run_m
+    back_deg = degrees(atan2(top[1] - rear[1], behind_m))
+    if not seated:
+        return change_furniture(before, mattress_height_m=rear[1], mattress_back_deg=back_deg)
+    return change_furniture(
+        before,
+        seat_height_m=front_m,
+        seat_depth_m=hypot(run_m, rear[1] - front_m),
+        seat_tilt_deg=degrees(atan2(front_m - rear[1], run_m)),
+        seat_back_deg=back_deg,
+    )

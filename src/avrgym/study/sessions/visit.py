@@ -19,7 +19,7 @@ from avrgym.study.checking.policy_files import POLICIES_USED_EVENT as POLICIES_U
 from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
-from avrgym.study.people.furniture import furniture_of
+from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.people.input_profiles import set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.people.preferences import preferences_of, record_preferences, trial_rules
@@ -393,6 +393,9 @@ class EventRecorder:
                 self._record_event(event)
             case events.AnsweredAfterBreak():
                 record_session_answer(self._store, self._session.id, event.answer, AFTER_BREAK)
+            case events.FurnitureMeasured():
+                record_furniture(self._store, self._pseudonym, event.furniture)
+                self._record_event(event)
             case events.PreferencesChanged():
                 record_preferences(self._store, self._pseudonym, event.preferences)
                 self._record_event(event)

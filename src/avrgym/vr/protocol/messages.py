@@ -17,6 +17,7 @@ from avrgym.commands.input_names import StopInput as StopInput
 from avrgym.commands.vocabulary import ClientSource, CommandSource, OtherPersonSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
 from avrgym.models.body_names import TrackedBodyPart
+from avrgym.models.furniture.real_furniture import FurniturePoint as FurniturePoint
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
@@ -352,6 +353,12 @@ class Press(Message, frozen=True, tag="press"):
     value: int
 
 
+class MarkPoint(Message, frozen=True, tag="mark_point"):
+    """The tracked controller touches a point of the real seat or mattress. Three points measure it."""
+
+    point: FurniturePoint
+
+
 class SceneWatched(Message, frozen=True, tag="scene_watched"):
     """A watcher's page displays the scene with this address. The environment viewer waits for this; sessions do not."""
 
@@ -365,6 +372,7 @@ ExperimenterMessage = (
     | CorrectTorsoHeight
     | ChooseParticipantBody
     | Press
+    | MarkPoint
     | Drive
     | Steer
     | Demonstrate

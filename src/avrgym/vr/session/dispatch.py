@@ -68,6 +68,8 @@ def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:
             return execute_experimenter_command(phase, message.name)
         case messages.Offered() | messages.Press():
             phase.state.participant_input.forward_selection(message, phase.state.send)
+        case messages.MarkPoint():
+            phase.state.mark_point(message.point)
         case messages.SceneWatched() | messages.Demonstrate():
             pass
         case messages.Hello() | messages.Receipt():

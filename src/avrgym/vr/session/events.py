@@ -12,6 +12,7 @@ from typing import Literal
 from avrgym.commands.preferences import Preferences
 from avrgym.commands.vocabulary import CommandName, CommandSource
 from avrgym.models.body_names import TrackedBodyPart
+from avrgym.models.furniture.real_furniture import RealFurniture
 from avrgym.models.human import Sex
 from avrgym.recording.configuration import HeadsetCheck
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
@@ -90,6 +91,13 @@ class InputChanged(SessionEvent):
     """The experimenter changed how the participant selects and stops."""
 
     profile: InputProfile
+
+
+@dataclass(frozen=True)
+class FurnitureMeasured(SessionEvent):
+    """The experimenter measured the participant's own seat or bed with a controller."""
+
+    furniture: RealFurniture
 
 
 @dataclass(frozen=True)

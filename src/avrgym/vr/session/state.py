@@ -10,6 +10,7 @@ import numpy as np
 from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource
 from avrgym.models import human
 from avrgym.models.body_names import TrackedBodyPart
+from avrgym.models.furniture.real_furniture import FURNITURE_POINTS, FurniturePoint, measure_furniture
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
@@ -93,6 +94,7 @@ class SessionState:
         self._sent_scene = self.scene_message()
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
         self.offered_commands = NO_ROBOT_COMMANDS
+        self._points: dict[FurniturePoint, tuple[float, float, float]] = {}
         self.head_commands: HeadCommands | None = None
         self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_WINDOW_S)
         self.stage_latencies: list[messages.StageLatency] = []
@@ -259,6 +261,37 @@ class SessionState:
             return False
         self.event_sink.report(events.TorsoHeightCorrected(self.now_s, torso_height_m))
         return True
+
+    def mark_point(self, point: FurniturePoint) -> None:
+        """Store a point of the real seat or mattress. The third point measures it; then calibration is due."""
+        position = self.tracking.controller_position(self.now_s)
+        if position is None:
+            self.report_problem(
+                "no controller is tracked; hold one at the point in VR and mark the point again"
+            )
+            return
+        self._points[point] = position
+        missing = [name for name in FURNITURE_POINTS if name not in self._points]
+        if missing:
+            self.report_problem(
+                f"{point}: {position[1]:.2f} m above the floor; mark {' and '.join(missing)} too"
+            )
+            return
+        points, self._points = self._points, {}
+        seated = self.world.scene_config.posture.seated
+        try:
+            furniture = measure_furniture(self.plan.furniture, points, seated=seated)
+        except ValueError as error:
+            self.report_problem(
+                f"the points do not measure a {'seat' if seated else 'bed'}: {error}; mark all points again"
+            )
+            return
+        self.plan = replace(self.plan, furniture=furniture)
+        self.height_known = False
+        self.event_sink.report(events.FurnitureMeasured(self.now_s, furniture))
+        self.report_problem(
+            f"measured: {furniture.describe(seated=seated)}; now measure the participant again"
+        )
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
         """Change the participant's body. Returns whether the choice is valid; reports an invalid choice.

@@ -42,6 +42,7 @@ def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: Re
     """
     height_m = float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
     hips_m = posture.hips_origin(PROPORTIONS[sex])[2] + furniture.height_offset_m(posture)
+    hips_m += furniture.head_rise_m(posture)
     upright = sin(radians(furniture.backrest_deg(posture)))
     low, high = (hips_m + upright * limit for limit in human.TORSO_HEIGHT_RANGE_M)
     if not low <= height_m <= high:

@@ -128,6 +128,15 @@ class TrackingState:
         """Returns the headset's pose at rest; see ``TrackingFeed.steady_headset_pose``."""
         return self._feed.steady_headset_pose(now_s)
 
+    def controller_position(self, now_s: float) -> tuple[float, float, float] | None:
+        """Returns the position of the tracked controller in ``local-floor``, the right one first; ``None`` without."""
+        newest = self._feed.newest
+        if newest is None or self._feed.is_stale(now_s):
+            return None
+        frame = newest.tracking
+        hands = ((frame.right, frame.right_modality), (frame.left, frame.left_modality))
+        return next((pose.position for pose, held in hands if pose and held == "controller"), None)
+
     def update(
         self, needed: Collection[TrackedBodyPart], now_s: float, profile: InputProfile = DEFAULT_INPUT_PROFILE
     ) -> TrackingUpdate:
