@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from avrgym.commands.preferences import SPEED_STEP
+from avrgym.commands.preferences import SPEED_FACTOR_STEP
 from avrgym.people.population_names import ALLOWED_PEOPLE, TRAIN_ZOO, UNSEEN_ZOO
 from avrgym.people.zoo.commanding import COMMANDING_SETS, PartnerCommands
-from avrgym.people.zoo.partners import PARTNERS, ZOOS
+from avrgym.people.zoo.partners import PARTNERS, ZOO_PARTNER_SETS
 from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING
 from avrgym.policies import registry
 from avrgym.safety.pacing import WAITING
@@ -21,7 +21,7 @@ ENVIRONMENT, STEP_S = "avrgym/FeedingJaco-v1", 0.1
 def test_only_populations_of_their_name_contain_them() -> None:
     assert COMMANDING in ALLOWED_PEOPLE
     assert COMMANDING not in {partner.style for partner in PARTNERS}
-    assert not set(COMMANDING_SETS) & set(ZOOS)
+    assert not set(COMMANDING_SETS) & set(ZOO_PARTNER_SETS)
     trained, unseen = (COMMANDING_SETS[f"{zoo}/{COMMANDING}"].commands for zoo in (TRAIN_ZOO, UNSEEN_ZOO))
     for name in COMMAND_SOURCES:
         assert not set(getattr(trained, name)) & set(getattr(unseen, name))
@@ -45,7 +45,7 @@ def test_commands_follow_the_parameters() -> None:
         given = dict(people.step(waiting, speed, STEP_S))
         assert not given["wait"].any()
         assert step == 0 or not (given["slower"] | given["faster"]).any()
-        speed = speed + SPEED_STEP * (given["faster"].astype(float) - given["slower"])
+        speed = speed + SPEED_FACTOR_STEP * (given["faster"].astype(float) - given["slower"])
         ready_s = np.where(given["ready"], np.minimum(ready_s, STEP_S * (step + 1)), ready_s)
     assert (np.abs(ready_s - parameters.ready_delay_s) <= STEP_S).all()
     assert (
@@ -57,9 +57,9 @@ def test_the_robot_waits_for_them_and_a_copy_continues_bit_identically() -> None
     episodes = Episodes(ENVIRONMENT, 2, people=f"{TRAIN_ZOO}/{COMMANDING}", num_threads=1)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     episodes.reset(np.arange(2), generators)
-    policy = registry.find("revised", ENVIRONMENT)
+    policy = registry.resolve_policy("revised", ENVIRONMENT)
     act = registry.action_function(policy, episodes, generators)
-    pacing, waited, gone_on = episodes.loop.pacing, np.zeros(2, dtype=bool), np.zeros(2, dtype=bool)
+    pacing, waited, gone_on = episodes.control_loop.pacing, np.zeros(2, dtype=bool), np.zeros(2, dtype=bool)
     assert pacing is not None
     observation = episodes.observe()
     for _ in range(140):

@@ -151,7 +151,7 @@ def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served, tmp
     moments = answer_moments(served.store.design, given, served.store.events())
     assert set(moments.values()) == {CAREGIVER}
     analysis = analyse_study(served.store)
-    rows = analysis.observed.answers
+    rows = analysis.study_data.answers
     summaries = [(row.item, row.moment, row.n, row.mean) for row in analysis.session_answers]
     assert summaries == [("eases", CAREGIVER, 1, 5.0), ("safe", CAREGIVER, 1, 3.0)]
     write_report(tmp_path / "report.html", analysis, [], "")

@@ -48,8 +48,8 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
     with Store(small_study(tmp_path / "study")) as store:
         name = enrol_with_consent(store)
         with StudyVisit(store, name) as visit:
-            plan = visit.plan()
-            attended = Visit(tmp_path, plan, make=lambda send: visit.session(plan, send))
+            plan = visit.plan_trials()
+            attended = Visit(tmp_path, plan, make=lambda send: visit.create_session(plan, send))
             attended.send(MarkPoint("front"))
             assert "no controller is tracked" in attended.problems[-1]
             attended.go_to("calibration")

@@ -62,7 +62,7 @@ def test_tilt_and_headrest_do_not_change_the_torso_height(
     )
     back, tilt = np.radians(back_deg), np.radians(tilt_deg)
     for height_m in (0.48, 0.57):
-        hips_m = posture.hips(PROPORTIONS["woman"])[2]
+        hips_m = posture.hips_origin(PROPORTIONS["woman"])[2]
         hips_m += (HIPS_FROM_BACK_M - real.seat_depth_m) * np.sin(tilt) if posture.seated else -posture.rise_m
         along = np.array([-np.cos(back), np.sin(back)])
         forward = np.array([along[1], -along[0]])

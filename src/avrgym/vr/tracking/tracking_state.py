@@ -130,7 +130,7 @@ class TrackingState:
 
     def controller_position(self, now_s: float) -> tuple[float, float, float] | None:
         """Returns the position of the tracked controller in ``local-floor``, the right one first; ``None`` without."""
-        newest = self._feed.newest
+        newest = self._feed.newest_frame
         if newest is None or self._feed.is_stale(now_s):
             return None
         frame = newest.tracking
