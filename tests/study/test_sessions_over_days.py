@@ -7,7 +7,7 @@ from statistics import fmean
 import pytest
 
 from avrgym.analysis.report import write_report
-from avrgym.analysis.study import analyse
+from avrgym.analysis.study import analyse_study
 from avrgym.questionnaires.questionnaire import LIKERT_ITEMS
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.sessions.visit import StudyVisit
@@ -76,7 +76,7 @@ def test_a_dry_run_goes_over_several_sessions(tmp_path: Path) -> None:
         assert 0 < len(after_breaks) <= names.count("break begun") == names.count("break ended")
         assert sum(each.breaks for each in summaries) == names.count("break begun")
         assert {each.item for each in after_breaks} == {"fatigue"}
-        analysis = analyse(store)
+        analysis = analyse_study(store)
     assert [(row.day, row.breaks, row.trials) for row in analysis.sessions] == [
         (1, each.breaks, each.trials) for each in summaries
     ]

@@ -31,7 +31,14 @@ class ApproachSpeedMonitor(PerWorldState):
         allowed_m_s: the speed limit (R,) of each region.
     """
 
-    STATE_FIELDS = ("person_too_fast", "closing_too_fast", "region", "speed_m_s", "_pad_w", "_segment_w")
+    STATE_FIELDS = (
+        "person_too_fast",
+        "closing_too_fast",
+        "fastest_region",
+        "approach_speed_m_s",
+        "_pad_w",
+        "_segment_w",
+    )
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
         """Set the speed limits. An impact at the limit causes the force ``force_n`` (R,) on a region, in newtons."""

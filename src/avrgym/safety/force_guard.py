@@ -43,7 +43,7 @@ class ForceGuard(PerWorldState):
     """
 
     STATE_FIELDS = (
-        "executed_action", "retracting", "holding", "interventions", "_pressed", "_commanded", "_force_n",
+        "executed_action", "retracting_mask", "stopped_mask", "num_interventions", "_pressed", "_commanded", "_force_n",
         "_path", "_path_end", "_path_start",
     )  # fmt: skip
 

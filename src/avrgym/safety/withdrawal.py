@@ -25,7 +25,7 @@ WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 class Withdrawal(PerWorldState):
     """Moves the tools away after success. ``driving``: boolean mask (N,) of the worlds in which it controls the arm."""
 
-    STATE_FIELDS = ("driving", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
+    STATE_FIELDS = ("active_mask", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
