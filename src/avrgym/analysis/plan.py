@@ -143,9 +143,9 @@ def _better_policy(design: Design, questionnaire: Questionnaire) -> SuggestedHyp
 class FrozenPlan:
     """The frozen plan of a study, and the deviations from it.
 
-    ``at``: time of freezing. ``plan``: ``None`` if its contents are unknown. ``origin_text``: sentence about the date
-    of the plan. ``is_confirmatory``: the plan is certainly older than the first participant. ``sha256``: checksum of
-    ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
+    ``frozen_at``: time of freezing. ``plan``: ``None`` if its contents are unknown. ``origin_text``: sentence about the
+    date of the plan. ``is_confirmatory``: the plan is certainly older than the first participant. ``plan_sha256``:
+    checksum of ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
     """
 
     frozen_at: str

@@ -80,8 +80,8 @@ class HeadGestureDetector:
 class Swings(NamedTuple):
     """Swings about the three axes of N heads. All arrays are (N, 3).
 
-    ``number``: number of swings. ``mean_duration_s``: their mean duration. ``rms_extent_rad``: root-mean-square of the
-    rotation.
+    ``swing_count``: number of swings. ``mean_duration_s``: their mean duration. ``rms_extent_rad``: root-mean-square of
+    the rotation.
     """
 
     swing_count: IntArray

@@ -31,8 +31,8 @@ ROBOT_AGENT, HUMAN_AGENT = "robot", "human"
 class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     """One world with two agents. The robot's observations, rewards and infos are the same as with ``gym.make``.
 
-    The human's action (K,) contains a number in [−1, 1] for each of ``joints``: the joint's speed divided by the speed
-    of unhurried people. With the zero action, the human does not move.
+    The human's action (K,) contains a number in [−1, 1] for each of ``human_joints``: the joint's speed divided by the
+    speed of unhurried people. With the zero action, the human does not move.
     """
 
     metadata: dict[str, Any]

@@ -34,8 +34,8 @@ class ContactCompliance:
     """MuJoCo's parameters of a compliant contact.
 
     The impedance decreases from ``impedance_start`` at first touch to ``impedance_end`` at depth ``impedance_width_m``.
-    It is a power law on both sides of ``midpoint`` (a share of the width). See "Impedance" under "Solver parameters" in
-    MuJoCo's documentation.
+    It is a power law on both sides of ``impedance_midpoint`` (a share of the width). See "Impedance" under "Solver
+    parameters" in MuJoCo's documentation.
     """
 
     stiffness_per_s2: float

@@ -73,7 +73,8 @@ class SkinMesh:
     """Skinned mesh of a rendered part, in the pose of ``bind_frames``.
 
     ``vertices`` (V, 3), texture coordinates ``uv`` (V, 2; v points down), ``faces`` (F, 3). Each vertex is bound to
-    four bodies: ``bodies`` (V, 4) are their indices in ``BODIES``, and ``weights`` (V, 4) the skinning weights.
+    four bodies: ``body_indices`` (V, 4) are their indices in ``BODIES``, and ``body_weights`` (V, 4) the skinning
+    weights.
     """
 
     vertices: FloatArray

@@ -23,9 +23,11 @@ class Mesh:
 
 @dataclass(frozen=True)
 class CrossSection:
-    """Cross-section of a loft at height ``z``: a superellipse with half axes ``a`` (x) and ``b`` (y), in metres.
+    """Cross-section of a loft at height ``height_z_m``: a superellipse with half axes ``half_axis_x_m`` (x) and
+    ``half_axis_y_m`` (y), in metres.
 
-    Its centre is at ``x`` and ``y``. ``exponent`` 2 is an ellipse; larger exponents are closer to a rectangle.
+    Its centre is at ``centre_x_m`` and ``centre_y_m``. ``exponent`` 2 is an ellipse; larger exponents are closer to a
+    rectangle.
     """
 
     height_z_m: float

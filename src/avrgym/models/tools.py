@@ -42,8 +42,8 @@ class Particles:
 class CollisionHull:
     """Collision shape that replaces a tool's thin walls in contacts with people.
 
-    ``walls`` are the names of the replaced geoms. The shape has a type, a centre ``pos`` and a MuJoCo ``size``, in the
-    tool's frame.
+    ``replaced_geoms`` are the names of the replaced geoms. The shape has a type, a centre ``pos`` and a MuJoCo
+    ``size``, in the tool's frame.
     """
 
     replaced_geoms: tuple[str, ...]

@@ -41,10 +41,10 @@ class PeopleDistribution:
     """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and bodies.
 
     People move if ``cooperating`` is true or if ``partners`` of the zoo are given, see ``people.cooperation`` and
-    ``people.zoo``. All other people hold their initial pose. ``poses`` contains ranges of initial joint angles by task.
-    They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for ``people.motion_version_1``.
-    If ``measured_bodies`` is true, bodies are sampled by ``people.measured_bodies``. The torso height ranges are then
-    those of its people.
+    ``people.zoo``. All other people hold their initial pose. ``joint_ranges_by_task`` contains ranges of initial joint
+    angles by task. They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for
+    ``people.motion_version_1``. If ``measured_bodies`` is true, bodies are sampled by ``people.measured_bodies``. The
+    torso height ranges are then those of its people.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -62,7 +62,7 @@ class PeopleDistribution:
         return self.cooperating or self.partners is not None
 
     def pose_for_task(self, task: str, default: "Pose") -> "Pose":
-        """Returns the initial pose in a task: the pose ``default`` of the task, changed by ``poses``."""
+        """Returns the initial pose in a task: the pose ``default`` of the task, changed by ``joint_ranges_by_task``."""
         rest_rad, spread_rad = default.rest_rad.copy(), default.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.joint_ranges_by_task.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))

@@ -32,8 +32,8 @@ HUMAN_POLICY_FILE = "human.safetensors"
 class Population:
     """A population: a distribution of bodies and behaviour, a default impairment, and the policy of a trained human.
 
-    ``name`` is the name of the distribution or the path of the file. ``trained`` is the policy that moves a trained
-    human.
+    ``name`` is the name of the distribution or the path of the file. ``trained_policy`` is the policy that moves a
+    trained human.
     """
 
     name: str

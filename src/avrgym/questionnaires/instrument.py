@@ -14,7 +14,7 @@ SCORE_DECIMALS = 9
 class ResponseScale(NamedTuple):
     """Response scale of an item.
 
-    ``points``: number of options. ``lowest``: lowest value. ``step``: difference between neighbouring values.
+    ``points``: number of options. ``lowest_value``: lowest value. ``step``: difference between neighbouring values.
     """
 
     points: int
@@ -44,9 +44,9 @@ class ResponseScale(NamedTuple):
 class InstrumentItem(NamedTuple):
     """An item of a validated questionnaire.
 
-    ``text``: empty if the licence forbids distribution; the study's folder must then contain the text. ``low`` and
-    ``high``: labels of the lowest and the highest value. ``labels``: labels of all options; empty if the screen shows
-    numbers.
+    ``text``: empty if the licence forbids distribution; the study's folder must then contain the text. ``low_label``
+    and ``high_label``: labels of the lowest and the highest value. ``labels``: labels of all options; empty if the
+    screen shows numbers.
     """
 
     id: str
@@ -57,10 +57,10 @@ class InstrumentItem(NamedTuple):
 
 
 class Scale(NamedTuple):
-    """A scale and the computation of its score: ``factor`` times the mean or sum (``of``) of item values.
+    """A scale and the computation of its score: ``factor`` times the mean or sum (``function``) of item values.
 
-    ``reversed``: ids of reversed items. ``offset``: number that is added to each item value after reversal. ``items``:
-    item ids; an item that is listed twice counts twice.
+    ``reversed_items``: ids of reversed items. ``item_offset``: number that is added to each item value after reversal.
+    ``items``: item ids; an item that is listed twice counts twice.
     """
 
     name: str
@@ -74,9 +74,9 @@ class Scale(NamedTuple):
 class Weighting(NamedTuple):
     """A weighted score: the weighted mean of item values.
 
-    ``scale``: name of the weighted score. ``instrument``: name of the questionnaire that measures the weights; its
-    scores are the weights. ``items``: item id that each weight multiplies, by name of the weight. Weights are integers
-    from 0 to ``max_weight``. ``total``: sum of all weights.
+    ``scale_name``: name of the weighted score. ``weights_instrument``: name of the questionnaire that measures the
+    weights; its scores are the weights. ``item_by_weight``: item id that each weight multiplies, by name of the weight.
+    Weights are integers from 0 to ``max_weight``. ``weight_sum``: sum of all weights.
     """
 
     scale_name: str
@@ -89,9 +89,9 @@ class Weighting(NamedTuple):
 class Instrument(NamedTuple):
     """A validated questionnaire.
 
-    ``source``: publication. ``response``: response scale of all items. ``missing``: rule for missing answers. With
-    ``"no score"``, the score is ``None``; with ``"centre"``, the middle of the response scale replaces the answer.
-    ``texts``: source of the item texts if AVR Gym does not contain them.
+    ``source``: publication. ``response_scale``: response scale of all items. ``missing_answer_rule``: rule for missing
+    answers. With ``"no score"``, the score is ``None``; with ``"centre"``, the middle of the response scale replaces
+    the answer. ``texts_source``: source of the item texts if AVR Gym does not contain them.
     """
 
     name: str

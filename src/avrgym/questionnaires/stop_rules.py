@@ -24,7 +24,7 @@ class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopDecision(NamedTuple):
-    """Decision of a stop rule. ``then``: one of ``STOP_ACTIONS``. ``why``: reason as text for the experimenter."""
+    """Decision of a stop rule. ``action``: one of ``STOP_ACTIONS``. ``reason``: reason as text for the experimenter."""
 
     action: str
     reason: str

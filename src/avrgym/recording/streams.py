@@ -48,8 +48,8 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``resets``: the corrected clock resets. ``raised``: number of times that were increased to the time of the previous
-    sample. Before, jitter had made them smaller.
+    ``resets``: the corrected clock resets. ``num_raised``: number of times that were increased to the time of the
+    previous sample. Before, jitter had made them smaller.
     """
 
     time_s: FloatArray

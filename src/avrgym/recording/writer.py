@@ -44,8 +44,8 @@ CLOSE_TIMEOUT_S = 10.0
 class RecordingWriter:
     """Writes the recording of one trial in a separate thread. ``write`` never waits for the disk.
 
-    Data reach the file within half a second. ``error`` reports a disk failure within a second. After a failure the file
-    is never marked as complete.
+    Data reach the file within half a second. ``disk_error`` reports a disk failure within a second. After a failure the
+    file is never marked as complete.
 
     Args:
         path: the new file. Raises ``FileExistsError`` if the file exists.

@@ -57,7 +57,7 @@ class Playback:
 
     Attributes:
         recording: the recording.
-        episodes: the world, in the current state of ``run``.
+        episodes: the world, in the current state of ``recompute``.
         phase: the current phase of the session.
         driven: whether a driver (policy or operator) controlled the robot in the last physics step.
     """

@@ -57,7 +57,7 @@ class SmallGaps(NamedTuple):
 
 
 class Retreat:
-    """Retreat controller of the arm in one world. The retreat starts with the first call of ``action``."""
+    """Retreat controller of the arm in one world. The retreat starts with the first call of ``next_action``."""
 
     def __init__(
         self,
@@ -117,7 +117,7 @@ class Retreat:
     def action_for_velocity(self, velocity_w: FloatArray) -> FloatArray:
         """Returns the action (A,) that moves the tool with a velocity (3,) and without rotation.
 
-        As in ``action``, every link stays away from the person.
+        As in ``next_action``, every link stays away from the person.
         """
         return self._speeds(velocity_w, self._measure()) / self._speed_limit
 

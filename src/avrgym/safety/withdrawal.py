@@ -23,7 +23,9 @@ WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 
 
 class Withdrawal(PerWorldState):
-    """Moves the tools away after success. ``driving``: boolean mask (N,) of the worlds in which it controls the arm."""
+    """Moves the tools away after success. ``active_mask``: boolean mask (N,) of the worlds in which it controls the
+    arm.
+    """
 
     STATE_FIELDS = ("active_mask", "_settled_steps", "_moved_steps", "_away", "_awaits_event")
 
@@ -68,7 +70,9 @@ class Withdrawal(PerWorldState):
             self._retreats.pop(world, None)
 
     def override(self, commanded: FloatArray) -> FloatArray:
-        """Returns the actions (N, A) to execute: the withdrawal's actions where ``driving``, otherwise the commands."""
+        """Returns the actions (N, A) to execute: the withdrawal's actions where ``active_mask``, otherwise the
+        commands.
+        """
         if not self.active_mask.any():
             return commanded
         if self._actions is None:

@@ -81,8 +81,8 @@ class ModelAddresses:
 class MimicJoint(NamedTuple):
     """A joint that mimics another joint, the leader. Its position is a polynomial of the leader's position.
 
-    ``qpos`` and ``leader_qpos_index`` are the indices of both joints in MuJoCo's qpos. ``polynomial``: coefficients
-    (5,).
+    ``qpos_index`` and ``leader_qpos_index`` are the indices of both joints in MuJoCo's qpos.
+    ``polynomial_coefficients``: coefficients (5,).
     """
 
     qpos_index: int

@@ -152,7 +152,9 @@ class Cluster:
                 )
 
     def _start_workers(self, wanted: int, busy: int) -> None:
-        """Start workers until there are ``wanted`` workers, but at most ``count``. ``busy`` workers run a call."""
+        """Start workers until there are ``wanted`` workers, but at most ``max_parallel_calls``. ``busy`` workers run a
+        call.
+        """
         present = busy + len(self._idle) + len(self._starting)
         for _ in range(min(wanted, self.max_parallel_calls) - present):
             worker = ray.remote(_Worker).options(num_cpus=1, memory=self._bytes, max_restarts=0).remote()

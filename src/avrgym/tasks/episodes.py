@@ -94,7 +94,8 @@ class Episodes:
                 them.
             engine: where physics runs, one of ``simulation.engines.engine.ENGINE_CHOICES``.
             on_device: whether control steps run on the engine's device. ``step`` then takes and returns tensors,
-                without copies to the host. Call ``check`` once per episode. The host computes initial states.
+                without copies to the host. Call ``check_device_results`` once per episode. The host computes initial
+                states.
             withdraw_after_success: whether the robot withdraws its tool after success, see ``safety.withdrawal``. This
                 applies to tasks that end with success. Steps that the withdrawal controls have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
@@ -351,8 +352,8 @@ class Episodes:
     def validate_actions(self, actions: FloatArray) -> FloatArray:
         """Check actions (N, A). Returns them as an array.
 
-        On a device, actions must be tensors on this device in single precision. ``check`` reports numbers that are not
-        finite.
+        On a device, actions must be tensors on this device in single precision. ``check_device_results`` reports
+        numbers that are not finite.
 
         Raises:
             ValueError: for a wrong shape, type or device, or numbers that are not finite.

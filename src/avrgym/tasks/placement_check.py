@@ -34,7 +34,7 @@ ARM_BATCH_SIZE = 50
 class StartDrawStatistics:
     """Mean and maximum number of sampled initial states until one has no collision.
 
-    ``failure`` is an error message, empty without an error.
+    ``reset_error`` is an error message, empty without an error.
     """
 
     mean_draws: float

@@ -90,7 +90,7 @@ class WorldPeople:
         human_actions: bool,
         settings: Settings,
     ) -> None:
-        """Find the populations. Call ``place`` before any other method.
+        """Find the populations. Call ``create_people`` before any other method.
 
         Args:
             name_or_path: the populations, see ``Episodes``.
@@ -281,7 +281,7 @@ class WorldPeople:
         """Returns joint targets (N, 20) for the end of the next 0.1 s, and the mask (N,) of worlds with new targets.
 
         If the mask is ``None``, the targets of all worlds are new. Call this method in every control step, or every 0.1
-        s if control steps are longer. With ``smooth``, call ``next_joint_targets`` instead.
+        s if control steps are longer. With ``moves_every_physics_step``, call ``next_joint_targets`` instead.
         """
         world_mask = self._due(self._steps_per_target)
         self._steps += 1

@@ -66,7 +66,9 @@ class InvalidTextsError(ValueError):
 
 @dataclass(frozen=True)
 class ParticipantText:
-    """A text for a participant. ``key``: key under ``session``. ``values``: values of placeholders, by name."""
+    """A text for a participant. ``key``: key under ``session``. ``placeholder_values``: values of placeholders, by
+    name.
+    """
 
     key: str
     placeholder_values: "Mapping[str, str | ParticipantText]" = field(

@@ -56,7 +56,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Design matrix (n, p) without intercept. ``groups``: kind of effect and group of trials of each column.
+    """Design matrix (n, p) without intercept. ``column_groups``: kind of effect and group of trials of each column.
 
     Reference groups have no column.
     """

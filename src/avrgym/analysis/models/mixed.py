@@ -29,10 +29,10 @@ NOT_CONVERGED_TEXT = "variance between participants cannot be separated from var
 class MixedModelFit:
     """Fitted linear mixed model: coefficients (p,), variance components (v,), and covariances.
 
-    ``variances``: one for each random effect, then the residual variance. ``covariance`` (p, p): covariance of the
-    coefficients, without the uncertainty of the variances; ``adjusted`` (p, p) includes it. ``covariance_derivatives``
-    (v, p, p): derivatives of ``covariance`` with respect to each variance. ``variance_components_covariance`` (v, v):
-    covariance of the estimated variances.
+    ``variance_components``: one for each random effect, then the residual variance. ``coefficient_covariance`` (p, p):
+    covariance of the coefficients, without the uncertainty of the variances; ``adjusted_covariance`` (p, p) includes
+    it. ``covariance_derivatives`` (v, p, p): derivatives of ``coefficient_covariance`` with respect to each variance.
+    ``variance_components_covariance`` (v, v): covariance of the estimated variances.
     """
 
     coefficients: FloatArray

@@ -122,8 +122,8 @@ TrialKey = tuple[str, int]
 class ModelGroup:
     """Quantities with regression models. Their tests are corrected together for multiple testing.
 
-    ``models``: kind of model (ordinal, logistic, mixed) by quantity. ``rows``: name of the table with the values.
-    ``questionnaire``: name of the questionnaire of answers or scores; empty for success and reward.
+    ``model_by_quantity``: kind of model (ordinal, logistic, mixed) by quantity. ``table_name``: name of the table with
+    the values. ``questionnaire``: name of the questionnaire of answers or scores; empty for success and reward.
     """
 
     name: str

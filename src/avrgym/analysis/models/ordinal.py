@@ -29,8 +29,8 @@ UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
 class OrdinalModelFit:
     """Fitted proportional odds model.
 
-    ``thresholds`` (k,): between categories. ``coefficients`` (p,), ``covariance`` (p, p): coefficients and their
-    covariance. ``clusters``: number of clusters.
+    ``thresholds`` (k,): between categories. ``coefficients`` (p,), ``coefficient_covariance`` (p, p): coefficients and
+    their covariance. ``cluster_count``: number of clusters.
     """
 
     thresholds: FloatArray

@@ -20,7 +20,7 @@ from avrgym.analysis.study import StudyAnalysis
 
 @dataclass(frozen=True)
 class PublicationTable:
-    """A table for a publication. ``numbers``: indices of the right-aligned columns."""
+    """A table for a publication. ``numeric_columns``: indices of the right-aligned columns."""
 
     name: str
     caption: str

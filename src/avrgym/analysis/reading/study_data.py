@@ -57,8 +57,8 @@ TrialKey = tuple[str, int]
 class StudyData:
     """The data of a study. Rows are sorted by participant and trial.
 
-    ``series``, ``latencies``: time series and latency measurements of each recorded trial. ``plugins``: plug-ins in the
-    recordings.
+    ``trial_series``, ``latencies_by_trial``: time series and latency measurements of each recorded trial. ``plugins``:
+    plug-ins in the recordings.
     """
 
     participants: list[ParticipantRow] = field(default_factory=list[ParticipantRow])

@@ -80,8 +80,8 @@ GroupValues = tuple[str, Sequence[float]]
 class ResearchQuestion:
     """A research question with a family of tests.
 
-    ``table``: caption of the table of tests in the report. ``primary``: without a plan, the tests by participant of
-    this question are primary results.
+    ``table_caption``: caption of the table of tests in the report. ``is_primary``: without a plan, the tests by
+    participant of this question are primary results.
     """
 
     name: str
@@ -95,10 +95,10 @@ class ResearchQuestion:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Comparison of a quantity between groups ``a`` and ``b``.
+    """Comparison of a quantity between groups ``group_a`` and ``group_b``.
 
-    ``result``: the test result. ``participants``: number of participants. ``differences``: for a paired test by
-    participant, the difference of each participant; otherwise empty.
+    ``result``: the test result. ``participant_count``: number of participants. ``participant_differences``: for a
+    paired test by participant, the difference of each participant; otherwise empty.
     """
 
     quantity: str
@@ -113,7 +113,7 @@ class Comparison:
 class ComparisonFamily:
     """Tests that are corrected together for multiple testing.
 
-    ``differences``: for each test, the differences by participant.
+    ``participant_differences``: for each test, the differences by participant.
     """
 
     simulated: bool

@@ -49,10 +49,11 @@ def summary_statistics(values: Sequence[float]) -> dict[str, Any]:
 class StatisticalTestResult:
     """Result of a statistical test.
 
-    ``test``: name of the test. ``n``: number of values or differences. ``zeros``: number of omitted zero differences.
-    ``method``: method for p. ``p``: ``None`` if no test was possible; ``note`` then contains the reason. ``effect``:
-    rank-biserial correlation in [−1, 1], with 95 % confidence interval. For the energy test, ``effect`` is the energy
-    distance divided by twice the mean distance between samples (0 to 1), without interval.
+    ``test_name``: name of the test. ``sample_size``: number of values or differences. ``zero_differences``: number of
+    omitted zero differences. ``method``: method for p. ``p``: ``None`` if no test was possible; ``note`` then contains
+    the reason. ``effect_size``: rank-biserial correlation in [−1, 1], with 95 % confidence interval. For the energy
+    test, ``effect_size`` is the energy distance divided by twice the mean distance between samples (0 to 1), without
+    interval.
     """
 
     test_name: str

@@ -170,8 +170,8 @@ PARTNER_PARAMETERS = parameters_of([style_values(STYLES[each.style], each.levels
 class PartnerSet:
     """A set of partners. To sample a partner, a group is sampled first, then a partner of this group.
 
-    ``groups`` contains the row of the first partner and the number of partners of each group. In the zoo, a group is a
-    style.
+    ``group_rows`` contains the row of the first partner and the number of partners of each group. In the zoo, a group
+    is a style.
     """
 
     parameters: BehaviourParameters

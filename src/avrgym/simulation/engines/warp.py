@@ -63,7 +63,9 @@ def import_libraries() -> _Libraries:
 
 
 class WarpEngine:
-    """An ``Engine`` on a GPU. ``now`` contains tensors of Warp's memory, or host copies that each step updates."""
+    """An ``Engine`` on a GPU. ``world_arrays`` contains tensors of Warp's memory, or host copies that each step
+    updates.
+    """
 
     name = WARP
 
@@ -99,7 +101,7 @@ class WarpEngine:
         """Copy models and states from ``batch`` to the device, see ``Engine.copy_from_host``.
 
         Raises:
-            RuntimeError: if a buffer has overflowed since the last check, see ``check``.
+            RuntimeError: if a buffer has overflowed since the last check, see ``check_overflow``.
         """
         if self._model is None:
             self._make_model()

@@ -42,8 +42,8 @@ FIELDS_WITHOUT_EFFECT = ("title", "participants", "max_held_share", "max_repeats
 class DesignDifference:
     """A value that differs between the current design and the design of sessions.
 
-    ``place``: key path of the value. ``present``: value in the current design. ``used``: value in the design of
-    ``sessions``. A missing value is ``MISSING``.
+    ``place``: key path of the value. ``current_value``: value in the current design. ``session_value``: value in the
+    design of ``sessions``. A missing value is ``MISSING``.
     """
 
     file: str

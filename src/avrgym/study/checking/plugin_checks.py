@@ -19,8 +19,9 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 class RecordedPlugin:
     """A plug-in of one trial.
 
-    ``label``: type and name of the plug-in. ``recorded``: plug-in and version in the recording. ``present``: the
-    installed plug-in and version. ``participant``: pseudonym. ``position``: position of the trial.
+    ``plugin_label``: type and name of the plug-in. ``recorded_version``: plug-in and version in the recording.
+    ``installed_version``: the installed plug-in and version. ``participant``: pseudonym. ``trial_position``: position
+    of the trial.
     """
 
     plugin_label: str

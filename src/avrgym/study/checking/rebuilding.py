@@ -51,8 +51,8 @@ LOST_WITH_INVALID_LIST = (
 class RebuildSummary:
     """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
-    ``unknown``: number of participants with unknown consent or withdrawal. ``lost``: data that were not rebuilt, as
-    text. ``omission_messages``: messages about omitted participants and recordings.
+    ``unknown_state_count``: number of participants with unknown consent or withdrawal. ``lost_data``: data that were
+    not rebuilt, as text. ``omission_messages``: messages about omitted participants and recordings.
     """
 
     participant_count: int

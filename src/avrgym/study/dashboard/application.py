@@ -99,7 +99,8 @@ class LiveSessions(Protocol):
 class Dashboard:
     """The study of a dashboard.
 
-    ``live``: the live sessions of this server; ``None`` if it runs none. ``experimenter``: name of the experimenter.
+    ``live_sessions``: the live sessions of this server; ``None`` if it runs none. ``experimenter``: name of the
+    experimenter.
     """
 
     store: Store

@@ -15,7 +15,9 @@ from avrgym.array_types import IntArray
 
 @dataclass(frozen=True)
 class TaskBlock:
-    """One task of a participant, with its conditions in order. ``task`` and ``conditions`` are indices from 0."""
+    """One task of a participant, with its conditions in order. ``task_index`` and ``condition_indices`` are indices
+    from 0.
+    """
 
     task_index: int
     condition_indices: tuple[int, ...]

@@ -45,9 +45,9 @@ CORRECTION_NOTE = (
 class StreamSeries:
     """Samples of one stream.
 
-    ``time_s``: times of samples (n,), from the first tracking frame. ``values``: samples (n, columns). ``columns``:
-    column names. ``labels`` and ``units``: the device's channel names and units. ``time_corrections``: description of
-    time corrections; empty without corrections.
+    ``time_s``: times of samples (n,), from the first tracking frame. ``values``: samples (n, columns).
+    ``column_names``: column names. ``channel_labels`` and ``channel_units``: the device's channel names and units.
+    ``time_corrections``: description of time corrections; empty without corrections.
     """
 
     stream: Stream

@@ -24,7 +24,7 @@ AnswerTime = tuple[int, int, str]
 class Score:
     """The score of one scale from the answers at one time.
 
-    ``scale``: name of the scale. ``value``: the score; ``None`` if required answers are missing.
+    ``scale_name``: name of the scale. ``value``: the score; ``None`` if required answers are missing.
     """
 
     questionnaire: Questionnaire

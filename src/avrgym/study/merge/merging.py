@@ -113,8 +113,8 @@ def _own_files(store: Store) -> Iterator[Path]:
 class MergedSite:
     """Result of the merge of one site.
 
-    ``site``: name. ``pseudonyms``: range of pseudonyms in the merged study. Other fields: numbers of participants,
-    recordings, copied recordings, written rows and deleted participants.
+    ``site_name``: name. ``pseudonym_range``: range of pseudonyms in the merged study. Other fields: numbers of
+    participants, recordings, copied recordings, written rows and deleted participants.
     """
 
     site_name: str

@@ -36,7 +36,8 @@ MERGED_TABLES = tuple(
 class SiteStudy:
     """A site's study, read in one transaction.
 
-    ``name``: name of the site. ``rows``: rows by table name. ``head``: last entry of the study's hash chain.
+    ``name``: name of the site. ``rows_by_table``: rows by table name. ``chain_head``: last entry of the study's hash
+    chain.
     """
 
     name: str

@@ -38,9 +38,9 @@ def merged_recording_path(text: str, site: int) -> str:
 class SiteRecording:
     """A recording of a site.
 
-    ``attempt``: attempt id at the site. ``participant``: participant number at the site. ``name``: path in the site's
-    study. ``source``: absolute path; ``None`` if it is outside the recordings. ``target``: path in the merged study.
-    ``sha256``: expected checksum; ``None`` if the file may be missing.
+    ``attempt_id``: attempt id at the site. ``participant_number``: participant number at the site. ``recording_path``:
+    path in the site's study. ``source_path``: absolute path; ``None`` if it is outside the recordings. ``target_path``:
+    path in the merged study. ``sha256``: expected checksum; ``None`` if the file may be missing.
     """
 
     attempt_id: int

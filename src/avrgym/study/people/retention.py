@@ -22,7 +22,7 @@ DATA_KIND_LABELS = {IDENTITIES: "names and contacts", RECORDINGS: "recordings", 
 class ScheduledDeletion:
     """The deletion of one kind of data.
 
-    ``due_on``: first day after the retention period. ``participants``: pseudonyms of participants with such data.
+    ``due_date``: first day after the retention period. ``pseudonyms``: pseudonyms of participants with such data.
     """
 
     data_kind: str

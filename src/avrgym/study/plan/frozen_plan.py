@@ -197,7 +197,7 @@ class FrozenPlan:
     ``record``: ``None`` if the file cannot be read or was modified. ``faults``: error messages about the plan.
     ``known_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
     unknown. ``is_adopted``: the plan was frozen at another station. ``rebuilt_at``: time of the database's rebuild, if
-    any. ``stamp``: the plan's time stamp. ``is_date_proven``: a trusted time stamp is older than all recordings.
+    any. ``time_stamp``: the plan's time stamp. ``is_date_proven``: a trusted time stamp is older than all recordings.
     """
 
     record: FrozenPlanRecord | None

@@ -52,8 +52,8 @@ DROPOUT_STATES = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
 class DryRunSettings:
     """Settings of a dry run.
 
-    ``people``: name of the population. ``populations``: the populations with this name, from which each participant is
-    sampled. ``impairment``: impairment of all participants.
+    ``population_name``: name of the population. ``populations``: the populations with this name, from which each
+    participant is sampled. ``impairment``: impairment of all participants.
     """
 
     seed: int

@@ -34,7 +34,7 @@ class StorageQueue:
         self._pending: deque[Future[None]] = deque()
 
     def submit_checked(self, store: Callable[[], None]) -> None:
-        """Add a task. If it fails, ``done`` raises its error."""
+        """Add a task. If it fails, ``is_done`` raises its error."""
         self._pending.append(self.submit(store))
 
     def submit(self, store: Callable[[], None]) -> Future[None]:

@@ -68,8 +68,8 @@ SESSION_END_TIMEOUT_S = 20.0
 class StudyVisit:
     """Context manager: an open session of a participant in a study.
 
-    ``stored``: the session's row in the database. ``trials``: all trials of the participant in the order of ``plan``:
-    completed trials first.
+    ``stored``: the session's row in the database. ``trials``: all trials of the participant in the order of
+    ``plan_trials``: completed trials first.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class StudyVisit:
         return self.storing.submit(lambda: record_session_answer(self.store, self.stored.id, answer, when))
 
     def change_answer(self, answer: Answer, when: str) -> Future[None]:
-        """Store a changed answer about the session. Returns a future; it raises the errors of ``record``."""
+        """Store a changed answer about the session. Returns a future; it raises the errors of ``record_answer``."""
         return self.storing.submit(lambda: change_session_answer(self.store, self.stored.id, answer, when))
 
     def record_event(self, name: str, detail: str) -> Future[None]:

@@ -32,7 +32,7 @@ class IntegrityFileError(ValueError):
 class IntegrityFiles:
     """Reads and writes the integrity files of a database.
 
-    Callers must hold the database's write lock, except for reading and ``note``.
+    Callers must hold the database's write lock, except for reading and ``append_head``.
     """
 
     def __init__(self, folder: Path, database: str) -> None:

@@ -35,9 +35,9 @@ Items = tuple[Item, ...]
 class ItemVersion:
     """A version of an item.
 
-    ``item``: the item with the name of this version. ``base_name``: the item's name in the design. ``number``: number
-    of the version, from 1. ``questionnaire``: name of the questionnaire. ``texts``: the translated item, by language.
-    ``answer_counts``: number of answers, by pseudonym.
+    ``item``: the item with the name of this version. ``base_name``: the item's name in the design. ``version_number``:
+    number of the version, from 1. ``questionnaire_name``: name of the questionnaire. ``items_by_language``: the
+    translated item, by language. ``answer_counts``: number of answers, by pseudonym.
     """
 
     item: Item

@@ -201,7 +201,7 @@ class ParticipationList:
             write_atomically(self.path, b"".join(map(_line, entries)), PRIVATE_FILE_MODE)
 
     def rename_invalid_file(self) -> None:
-        """Rename the file of an invalid list. The next ``append`` starts a new list."""
+        """Rename the file of an invalid list. The next ``append_entries`` starts a new list."""
         numbers = [_copy_number(path) for path in self.invalid_copies()]
         os.replace(self.path, self.path.with_name(f"{FILE}.invalid-{max(numbers, default=0) + 1}"))
 

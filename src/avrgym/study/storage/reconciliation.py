@@ -177,10 +177,10 @@ def _all(
 class ListDifferences:
     """Differences between participation list and database when a study is opened.
 
-    ``begin``: reason to start a new list; ``None`` if the list is valid. ``restored``: final states that only the list
-    contains, by participant number. ``missing``: states that only the database contains, by participant number.
-    ``is_older_copy``: the list is an older copy and lacks the last entry that this computer stored. ``is_unsigned``:
-    the list matches the database, but this user has not signed it.
+    ``new_list_reason``: reason to start a new list; ``None`` if the list is valid. ``restored_states``: final states
+    that only the list contains, by participant number. ``missing_states``: states that only the database contains, by
+    participant number. ``is_older_copy``: the list is an older copy and lacks the last entry that this computer stored.
+    ``is_unsigned``: the list matches the database, but this user has not signed it.
     """
 
     new_list_reason: str | None = None

@@ -115,8 +115,8 @@ def _sorted(questionnaire: Questionnaire, ids: Sequence[str]) -> Questionnaire:
 class SessionDesign:
     """The design of a session.
 
-    ``positions``: positions of the trials that used this design. ``wordings``: the texts for participants; ``None`` if
-    the database does not contain the session's design.
+    ``trial_positions``: positions of the trials that used this design. ``wordings``: the texts for participants;
+    ``None`` if the database does not contain the session's design.
     """
 
     participant: Participant

@@ -77,8 +77,8 @@ class ArmPath(NamedTuple):
 class PathPoint(NamedTuple):
     """The points of N arm paths that are nearest to given points.
 
-    ``pos_w`` (N, 3) is the nearest point, ``section`` (N,) its section. ``path_distance_m`` (N,) is its distance from
-    the hand's centre along the arm, negative in front of the hand.
+    ``pos_w`` (N, 3) is the nearest point, ``section_index`` (N,) its section. ``path_distance_m`` (N,) is its distance
+    from the hand's centre along the arm, negative in front of the hand.
     """
 
     pos_w: FloatArray
@@ -89,9 +89,9 @@ class PathPoint(NamedTuple):
 class SleeveOpening(NamedTuple):
     """Position of the sleeve's opening relative to the arm.
 
-    ``centre_w`` (N, 3) is its centre, ``section`` (N,) the nearest section of the arm. ``path_distance_m`` (N,) is the
-    distance of the nearest point from the hand's centre along the arm. ``around`` (N,): whether the rim winds around
-    the arm there.
+    ``centre_w`` (N, 3) is its centre, ``section_index`` (N,) the nearest section of the arm. ``path_distance_m`` (N,)
+    is the distance of the nearest point from the hand's centre along the arm. ``is_around_arm`` (N,): whether the rim
+    winds around the arm there.
     """
 
     centre_w: FloatArray

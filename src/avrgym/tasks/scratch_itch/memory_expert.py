@@ -25,8 +25,8 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 class SwingMotion(NamedTuple):
     """A swing to the front: a fixed joint-space motion.
 
-    ``displacement`` (J,) are joint displacements. ``inwards`` and ``not_downward_range`` are ranges of the skin normals
-    for which the swing is used, see ``front_approach_share``.
+    ``joint_displacements`` (J,) are joint displacements. ``inward_range`` and ``not_downward_range`` are ranges of the
+    skin normals for which the swing is used, see ``front_approach_share``.
     """
 
     joint_displacements: tuple[float, ...]

@@ -30,8 +30,8 @@ TimeSpan = tuple[float, float]
 class CpuStealMonitor:
     """Context manager that monitors CPU steal on every processor.
 
-    At its exit, ``spans`` are the periods in which a processor was stopped, sorted and disjoint. Monitoring needs
-    Linux, and root or the limit ``rtprio``; otherwise ``spans`` is ``None``.
+    At its exit, ``steal_spans`` are the periods in which a processor was stopped, sorted and disjoint. Monitoring needs
+    Linux, and root or the limit ``rtprio``; otherwise ``steal_spans`` is ``None``.
     """
 
     def __init__(self) -> None:

@@ -21,8 +21,8 @@ GESTURE_DURATION_S = GESTURE_CYCLES / GESTURE_HZ
 class CommandTraits:
     """How a participant gives commands. The ranges are assumptions.
 
-    ``command_delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss``: probability that a
-    command is not detected. ``false_commands_per_min``: number of unintended commands per minute.
+    ``command_delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss_probability``:
+    probability that a command is not detected. ``false_commands_per_min``: number of unintended commands per minute.
     ``comfortable_speed_factor``: speed factor at which the participant commands no change of speed.
     """
 

@@ -77,7 +77,7 @@ class Inlet:
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
-        """Yields chunks of samples and their times on the device's clock. Updates ``present``."""
+        """Yields chunks of samples and their times on the device's clock. Updates ``available``."""
         patience_s = (
             max(SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS / rate_hz) if rate_hz > 0.0 else float("inf")
         )

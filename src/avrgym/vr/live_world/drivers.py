@@ -226,7 +226,8 @@ ControllerCall = Callable[[Controller], FloatArray | None]
 class ControllerRequest:
     """A request to a controller.
 
-    ``answer``: the controller's action, if any. ``failure``: the error message. They are set before ``done`` is true.
+    ``answer``: the controller's action, if any. ``failure_message``: the error message. They are set before ``done`` is
+    true.
     """
 
     def __init__(self, work: ControllerCall) -> None:

@@ -16,7 +16,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class GlbWriter:
-    """Builds a glTF document. The methods ``add`` and ``add_…`` return the index of the added element."""
+    """Builds a glTF document. The methods ``add_element`` and ``add_…`` return the index of the added element."""
 
     def __init__(self) -> None:
         self._binary = bytearray()

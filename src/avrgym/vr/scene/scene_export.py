@@ -8,8 +8,8 @@ Nodes are in the world frame, z up. The field ``extras`` of a node contains the 
 - ``vertices``: the mesh is a cloth; each vertex is at one of these bodies.
 - ``skin_of``: the mesh is skinned; this body has the largest weight.
 
-Colours are vertex colours, computed from geom and material as in MuJoCo. All geoms of a node with the same ``Finish``
-are one mesh. This reduces the number of draw calls and the rendering time on a headset.
+Colours are vertex colours, computed from geom and material as in MuJoCo. All geoms of a node with the same
+``SurfaceMaterial`` are one mesh. This reduces the number of draw calls and the rendering time on a headset.
 """
 
 # The types of trimesh are known only in part.
@@ -50,7 +50,7 @@ _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
 class SurfaceMaterial:
     """Properties of a surface except its colour.
 
-    ``texture`` is the id of a texture in the model, or −1. Cloth is ``two_sided``.
+    ``texture_id`` is the id of a texture in the model, or −1. Cloth is ``two_sided``.
     """
 
     metallic: float

@@ -26,7 +26,7 @@ WELD_DISTANCE_M = 1e-5
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone of a skin. It follows a body, or with ``swing`` only the swing of the body's swing–twist decomposition.
+    """A bone of a skin. It follows a body, or with ``is_swing`` only the swing of the body's swing–twist decomposition.
 
     ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone.
     """
@@ -41,7 +41,7 @@ class Skin:
     """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3).
 
     ``bone_indices`` and ``bone_weights`` (V, 4): for each vertex, the indices of four ``bones`` and their weights.
-    ``material`` is the id of a material in the model, or −1.
+    ``material_id`` is the id of a material in the model, or −1.
     """
 
     name: str

@@ -22,7 +22,7 @@ OTHER_ORIGIN_TEXT = "this page comes from another server; open the address that 
 class AuthenticatedClient:
     """An authenticated client: the role of its token, and the experimenter's name.
 
-    ``name`` is empty if the token is not personal.
+    ``experimenter_name`` is empty if the token is not personal.
     """
 
     role: Role

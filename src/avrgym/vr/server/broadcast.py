@@ -49,7 +49,7 @@ CLOSE_ALL_TIMEOUT_S = 1.0
 
 
 class ConnectionEnd(Exception):
-    """The connection closes, and all waiting messages are sent. ``code`` is the WebSocket's closing code."""
+    """The connection closes, and all waiting messages are sent. ``close_code`` is the WebSocket's closing code."""
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)

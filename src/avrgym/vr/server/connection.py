@@ -52,7 +52,7 @@ interruption, it sends the frames of up to seven seconds in a burst."""
 class Channel:
     """A type of WebSocket connection: the roles that may open it and the messages that it accepts.
 
-    ``decode`` decodes a message. ``union`` is the union of the messages' types.
+    ``decode`` decodes a message. ``message_union`` is the union of the messages' types.
     """
 
     allowed_roles: tuple[Role, ...]

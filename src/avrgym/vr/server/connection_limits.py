@@ -44,8 +44,8 @@ ProtocolFactory = Callable[[], asyncio.Protocol]
 class Connection:
     """One connection.
 
-    ``role``: the role of its token; ``None`` while unauthenticated. ``busy``: a request is in progress, or a WebSocket
-    is open. ``last_activity_s``: the time of the latest complete request or response.
+    ``role``: the role of its token; ``None`` while unauthenticated. ``is_busy``: a request is in progress, or a
+    WebSocket is open. ``last_activity_s``: the time of the latest complete request or response.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:

@@ -30,7 +30,7 @@ REAL_TIME_PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next tick was due. ``lost``: number of ticks that were skipped after it.
+    """A tick that ended after the next tick was due. ``missed_ticks``: number of ticks that were skipped after it.
 
     ``due_s`` and ``ended_s``: when it was due and when it ended, on the monotonic clock.
     """
@@ -76,8 +76,8 @@ S = TypeVar("S", bound=Runnable)
 class RealTimeLoop(Generic[S]):
     """Runs a session in a thread; after ``start`` only this thread accesses the session.
 
-    ``late``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks. ``error``: the error that ended
-    the thread, if any.
+    ``late_ticks``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks. ``error``: the error that
+    ended the thread, if any.
     """
 
     def __init__(self, session: S, send: SendMessage = lambda message: None) -> None:

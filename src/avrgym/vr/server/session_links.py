@@ -61,7 +61,7 @@ class _Code:
 class SessionLinks:
     """The link of the current session, if any, and expired links. Thread-safe.
 
-    ``on_expiry`` is called when a link expires, in the thread that calls ``end``.
+    ``on_expiry`` is called when a link expires, in the thread that calls ``expire_link``.
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:

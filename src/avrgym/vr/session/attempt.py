@@ -58,8 +58,8 @@ class Attempt:
     """The running attempt at a trial, with its recording.
 
     Arguments with the suffix ``_s`` are times on the session's clock. Recorded times start at 0 with the attempt.
-    ``trial`` and ``number``: numbers of the trial and of the attempt, from 1. ``steps``: number of control steps.
-    ``reward``: sum of their rewards. ``latest``: the latest control step.
+    ``trial_number`` and ``number``: numbers of the trial and of the attempt, from 1. ``steps``: number of control
+    steps. ``reward``: sum of their rewards. ``latest_step``: the latest control step.
     """
 
     def __init__(

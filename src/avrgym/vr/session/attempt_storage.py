@@ -27,8 +27,8 @@ class QuestionnaireAttempt:
 class AttemptStorage:
     """Stores the attempts of a session. The observer of ``sink`` stores the events.
 
-    ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing`` is the index
-    of a completed trial that is not stored yet. ``failing``: the last attempt could not be stored.
+    ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing_trial_index`` is
+    the index of a completed trial that is not stored yet. ``has_storage_failed``: the last attempt could not be stored.
     ``questionnaire_attempt`` is the latest attempt; its answers may arrive after its end.
     """
 

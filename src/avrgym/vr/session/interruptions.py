@@ -31,8 +31,9 @@ TIMED_OUT_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
 
 @dataclass(frozen=True)
 class Interruption:
-    """An interruption: ``name`` and ``why`` are recorded, ``event`` is stored, and ``message`` is for the
-    participant."""
+    """An interruption: ``event_name`` and ``reason`` are recorded, ``event`` is stored, and ``participant_text`` is for
+    the participant.
+    """
 
     event_name: str
     reason: str

@@ -45,8 +45,8 @@ class TrialPlan:
 class OpenQuestionnaire:
     """A questionnaire with unanswered items, about a trial of an earlier session.
 
-    ``trial`` and ``attempt``: their numbers, from 1. ``recording``: the file of the attempt. ``given``: the existing
-    answers, by the item's identifier.
+    ``trial_number`` and ``attempt_number``: their numbers, from 1. ``recording``: the file of the attempt.
+    ``existing_answers``: the existing answers, by the item's identifier.
     """
 
     trial_number: int

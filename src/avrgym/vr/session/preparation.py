@@ -49,7 +49,7 @@ class ImmediateExecutor(Executor):
 
 
 class WorldPreparation:
-    """Builds one world in advance. ``key`` identifies it; ``None`` if no world was requested."""
+    """Builds one world in advance. ``world_key`` identifies it; ``None`` if no world was requested."""
 
     def __init__(self, workers: Executor) -> None:
         self.world_key: WorldKey | None = None

@@ -52,18 +52,18 @@ LATENCY_WINDOW_S = 5
 class SessionState:
     """The state of a session that all phases share.
 
-    ``drivers`` control the robots. ``sink`` reports the events. ``storage`` records the attempts. ``worlds`` contains
-    the simulated worlds. ``trial`` is the index of the plan's trial, from 0. ``person`` is the participant's virtual
-    body. ``input``: the participant's input profile. ``headset_time``: the time in VR. ``tracking``: the tracking since
-    the participant entered VR. ``torso_height_known``: the body has the participant's torso height.
-    ``calibrated_posture``: the posture during calibration.
+    ``drivers`` control the robots. ``event_sink`` reports the events. ``attempt_storage`` records the attempts.
+    ``trial_worlds`` contains the simulated worlds. ``trial_index`` is the index of the plan's trial, from 0. ``person``
+    is the participant's virtual body. ``participant_input``: the participant's input profile. ``headset_time``: the
+    time in VR. ``tracking``: the tracking since the participant entered VR. ``torso_height_known``: the body has the
+    participant's torso height. ``calibrated_posture``: the posture during calibration.
 
     ``is_paused``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
-    ``pause_reason``: the reason, if it was a stop rule. ``ending``: a stop rule ends the session.
-    ``ready_trial_index``: the index of the trial for which the participant last confirmed to be ready. ``away``: the
-    text that explains why the participant is not in VR; ``None`` in VR. ``visibility``: whether the participant sees
-    the scene. ``headset``: result of the latest headset check. ``headset_checked``: the check passed, or was skipped.
-    ``now_s``: time since the session's start.
+    ``pause_reason``: the reason, if it was a stop rule. ``ends_by_rule``: a stop rule ends the session.
+    ``ready_trial_index``: the index of the trial for which the participant last confirmed to be ready.
+    ``absence_text``: the text that explains why the participant is not in VR; ``None`` in VR. ``visibility``: whether
+    the participant sees the scene. ``headset_check_result``: result of the latest headset check. ``headset_checked``:
+    the check passed, or was skipped. ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan

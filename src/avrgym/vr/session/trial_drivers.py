@@ -9,8 +9,8 @@ from avrgym.vr.session.plan import Policies, TrialPlan
 class TrialDrivers:
     """A driver for each policy of each environment.
 
-    ``failure``: the latest failure of the current driver, empty without one. ``reported_failure_kinds``: kinds of
-    failures that were reported in this attempt.
+    ``latest_failure``: the latest failure of the current driver, empty without one. ``reported_failure_kinds``: kinds
+    of failures that were reported in this attempt.
     """
 
     def __init__(self, policies: Policies, *, background: bool) -> None:

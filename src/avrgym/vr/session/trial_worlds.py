@@ -16,7 +16,7 @@ class TrialWorlds:
     """Provides a new world for every attempt, built in advance. Worlds with the same appearance share a scene.
 
     ``scenes`` contains environment, person and settings of each scene. A scene's number is its index in this list.
-    ``world`` is the current world. ``number`` is the number of its scene.
+    ``world`` is the current world. ``scene_number`` is the number of its scene.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class TrialWorlds:
 
     @property
     def is_world_ready(self) -> bool:
-        """Whether the requested world is built. ``switch`` then makes it the current world."""
+        """Whether the requested world is built. ``switch_world`` then makes it the current world."""
         return self._preparation.is_ready
 
     def switch_world(self) -> None:

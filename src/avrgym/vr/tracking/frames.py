@@ -68,7 +68,7 @@ def _continues(number: int, before: int) -> bool:
 
 @dataclass(frozen=True)
 class ReceivedFrame:
-    """A tracking frame with its arrival time. ``usable``: the frame is valid and may move the simulated person.
+    """A tracking frame with its arrival time. ``is_usable``: the frame is valid and may move the simulated person.
 
     ``captured_s`` is the capture time, computed from the client's clock. It is never after the arrival and never far
     before it. Frames that were delayed in the network keep their original intervals.
@@ -83,7 +83,7 @@ class ReceivedFrame:
 class TrackingFeed:
     """The frames from entering VR until leaving it.
 
-    ``newest``: the latest usable frame. ``freshness``: the age of the poses of each part of the body.
+    ``newest_frame``: the latest usable frame. ``measurement_times``: the age of the poses of each part of the body.
     """
 
     def __init__(self) -> None:

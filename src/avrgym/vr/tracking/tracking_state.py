@@ -25,11 +25,11 @@ from avrgym.vr.tracking.switches import HandDevices
 class TrackingUpdate:
     """Tracking in one tick: frames that arrived, the newest frame, and changes.
 
-    ``arrived``: the frames that arrived since the previous tick. ``newest``: the newest usable frame; ``None`` before
-    the first frame, and while this frame is stale. ``silent``: the newest frame is stale. ``deviating_parts``: parts of
-    the body that jumped and are not at their tracked poses. ``untracked``: all parts with stale poses. ``lost``: the
-    parts among them that the task needs. ``deviating_parts_before`` and ``lost_parts_before``: the values of the
-    previous tick. ``pose``: the target pose of the body, if any.
+    ``arrived_frames``: the frames that arrived since the previous tick. ``newest_frame``: the newest usable frame;
+    ``None`` before the first frame, and while this frame is stale. ``is_stale``: the newest frame is stale.
+    ``deviating_parts``: parts of the body that jumped and are not at their tracked poses. ``untracked_parts``: all
+    parts with stale poses. ``lost_parts``: the parts among them that the task needs. ``deviating_parts_before`` and
+    ``lost_parts_before``: the values of the previous tick. ``target_pose``: the target pose of the body, if any.
     """
 
     arrived_frames: Sequence[ReceivedFrame]
@@ -46,8 +46,8 @@ class TrackingUpdate:
 class TrackingState:
     """The tracking of a participant, from entering VR until leaving it.
 
-    ``registration``: the pose of the participant's floor in the world, if known. ``untracked``: parts of the body with
-    stale poses in the latest tick. ``lost``: the parts among them that the task needs.
+    ``registration``: the pose of the participant's floor in the world, if known. ``untracked_parts``: parts of the body
+    with stale poses in the latest tick. ``lost_parts``: the parts among them that the task needs.
     """
 
     def __init__(self) -> None:
@@ -184,7 +184,7 @@ class TrackingState:
         return messages.Placed(there.xr_from_world(), self._glide.duration_s)
 
     def move_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
-        """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``follow``.
+        """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``update``.
 
         ``joint_angles_rad`` (20,) are the body's targets. Returns the motion in the tick in which it starts.
         """

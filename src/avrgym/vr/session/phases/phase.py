@@ -16,7 +16,8 @@ from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """One phase of a session. ``message``: the text for the participant. ``seconds``: duration; ``None`` is unlimited.
+    """One phase of a session. ``message``: the text for the participant. ``time_limit_s``: duration; ``None`` is
+    unlimited.
 
     ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
     emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid.
@@ -209,7 +210,7 @@ class Phase:
         return self
 
     def on_timeout(self) -> Phase:
-        """Handle the end of the phase's ``seconds``. Returns the next phase."""
+        """Handle the end of the phase's ``time_limit_s``. Returns the next phase."""
         return self
 
     # -------------------------------------------------------------------------------------------------------------
