@@ -118,6 +118,7 @@ async def _together(port: int, tokens: list[str], networks: dict[str, Network]) 
 
 
 if __name__ == "__main__":
+    wanted = {name: NETWORKS[name] for name in sys.argv[1:] or NETWORKS}
     with tempfile.TemporaryDirectory() as temporary:
-        for line in measure(Path(temporary) / "study", NETWORKS):
+        for line in measure(Path(temporary) / "study", wanted):
             print(json.dumps(line), flush=True)

@@ -31,6 +31,8 @@ class Network:
 
 
 STALL_S = 3.0
+WEBSOCKET_BYTES = 50_000
+"""Connections that upload fewer bytes are requests; they are not dropped."""
 
 
 class EmulatedNetwork:
@@ -56,8 +58,8 @@ class EmulatedNetwork:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         other_reader, other_writer = await asyncio.open_connection("127.0.0.1", self._target)
         began_s = asyncio.get_running_loop().time()
-        pairs = (reader, other_writer), (other_reader, writer)
-        tasks = [asyncio.create_task(self._copy(source, sink, began_s)) for source, sink in pairs]
+        pairs = (reader, other_writer, True), (other_reader, writer, False)
+        tasks = [asyncio.create_task(self._copy(*pair, began_s)) for pair in pairs]
         self._tasks.update(tasks)
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         for task in tasks:
@@ -66,16 +68,20 @@ class EmulatedNetwork:
         for each in (writer, other_writer):
             each.close()
 
-    async def _copy(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, began_s: float) -> None:
+    async def _copy(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, is_upload: bool, began_s: float
+    ) -> None:
         """Copy one direction; each chunk leaves at its own time, in order."""
         waiting: asyncio.Queue[tuple[float, bytes]] = asyncio.Queue()
         sending = asyncio.create_task(self._send(waiting, writer))
         network, leaves_s, clock = self._network, 0.0, asyncio.get_running_loop().time
+        copied = 0
         try:
             while data := await reader.read(CHUNK_BYTES):
                 now_s = clock()
-                age_s = now_s - began_s
-                if network.drop_at_s is not None and age_s > network.drop_at_s and not self._is_dropped:
+                age_s, copied = now_s - began_s, copied + len(data)
+                is_due = network.drop_at_s is not None and age_s > network.drop_at_s
+                if is_due and is_upload and copied > WEBSOCKET_BYTES and not self._is_dropped:
                     self._is_dropped = True
                     return
                 arrives_s = now_s + self._delay_s(len(data))
