@@ -153,6 +153,7 @@ export class DemonstratorApp {
 
   private onPresenting(presenting: boolean): void {
     document.body.classList.toggle("presenting", presenting);
+    for (const part of document.querySelectorAll<HTMLElement>(".hint, #card dl")) part.hidden = presenting;
     element("enter").textContent = presenting ? "Leave VR" : "Enter VR";
     this.marker.visible = presenting;
     this.release();
