@@ -93,7 +93,7 @@ def add_person_skins(spec: mujoco.MjSpec, person: Person, posture: Posture, *, o
     for name, shape in skin_meshes(person, open_mouth=open_mouth):
         if name == ("feet" if posture.shoes else "shoes"):
             continue
-        skin = spec.add_visual_mesh(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
+        skin = spec.add_skin(name=PREFIX + name, material=_material(name), group=VISUAL_GROUP)
         skin.vert, skin.texcoord = shape.vertices.ravel(), shape.uv.ravel()
         skin.face = shape.faces.ravel()
         _bind(skin, shape, pos, q)
