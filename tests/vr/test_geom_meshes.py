@@ -90,7 +90,7 @@ def test_triangles_with_vertices_of_their_own_are_simplified_as_one_surface() ->
     """A sphere of a file that shares no vertex."""
     ball = trimesh.creation.icosphere(subdivisions=5, radius=0.1)
     spec = mujoco.MjSpec()
-    spec.add_trimesh(
+    spec.add_mesh(
         name="ball",
         uservert=ball.triangles.ravel(),
         userface=np.arange(3 * len(ball.faces)),

@@ -154,7 +154,7 @@ def _freeze_skins(spec: mujoco.MjSpec, model: mujoco.MjModel, data: mujoco.MjDat
         vertices = scene.skinvert.reshape(-1, 3)[first : first + count]
         first, count = model.skin_faceadr[number], model.skin_facenum[number]
         faces = model.skin_face[first : first + count]
-        spec.add_trimesh(
+        spec.add_mesh(
             name=skin.name,
             uservert=vertices.ravel(),
             userface=faces.ravel(),

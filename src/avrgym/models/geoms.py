@@ -39,7 +39,7 @@ def add_visual_mesh(
     spec: mujoco.MjSpec, body: mujoco.MjsBody, name: str, material: str, mesh: Mesh, **attributes: Any
 ) -> None:
     """Add a visible mesh from ``shapes``; ``name`` is the name of the mesh asset."""
-    spec.add_trimesh(
+    spec.add_mesh(
         name=name,
         uservert=mesh.vertices.ravel(),
         userface=mesh.faces.ravel(),

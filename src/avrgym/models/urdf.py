@@ -152,7 +152,7 @@ def add_trimesh(
 ) -> None:
     """Add a visual mesh; ``attributes`` are those of the mesh's geom."""
     material = add_material(spec, "rgb " + " ".join(f"{c:.3f}" for c in rgb), rgb, roughness=0.5)
-    spec.add_trimesh(
+    spec.add_mesh(
         name=name,
         uservert=(np.asarray(mesh.vertices) * scale).ravel(),
         userface=np.asarray(mesh.faces).ravel(),
