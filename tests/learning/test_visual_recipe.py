@@ -50,8 +50,11 @@ def test_an_interrupted_training_of_vision_gets_the_same_weights(tmp_path: Path)
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"teacher": "oracle"}, "'oracle' cannot be a teacher of vision; allowed: a feed-forward policy"),
-        ({"teacher": "adaptive"}, "'adaptive' cannot be a teacher of vision"),
+        (
+            {"teacher": "oracle"},
+            "'oracle' cannot be the teacher of a visual policy; allowed: a feed-forward policy",
+        ),
+        ({"teacher": "adaptive"}, "'adaptive' cannot be the teacher of a visual policy"),
         ({"camera": "head"}, "unknown camera 'head' of robot Jaco; allowed: wrist, scene"),
         ({"camera": "wrist:64x64:segmentation"}, "allowed kinds of images: rgb, depth"),
     ],

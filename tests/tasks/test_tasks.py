@@ -50,7 +50,7 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         ({"name": "Feeding people"}, ValueError, "the task name is 'Feeding people'; allowed: an identifier"),
         ({"name": "Fütterung"}, ValueError, "allowed: an identifier of ASCII letters"),
         ({"name": None}, TypeError, "name of task None is None; allowed: a value of type str"),
-        ({"goal": " "}, ValueError, "the field goal of task Feeding is empty"),
+        ({"goal": " "}, ValueError, "task Feeding: the field `goal` is empty"),
         (
             {"offered": "foot"},
             ValueError,
@@ -58,7 +58,7 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
         ),
         ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a value of type function"),
         ({"views": None}, TypeError, "views of task Feeding is None; allowed: a value of type Views"),
-        ({"weights": {}}, ValueError, "the field weights of task Feeding is empty"),
+        ({"weights": {}}, ValueError, "task Feeding: the field `weights` is empty"),
         ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
     ],
 )

@@ -291,7 +291,7 @@ def _check_shapes(policy: Policy) -> None:
     _check_shape("observation.variance", policy.observation_variance, size)
     if (policy.vision is None) != (policy.metadata.camera == ""):
         raise PolicyError(
-            "the policy has vision without a camera or a camera without vision; allowed: both or neither"
+            "the policy has a vision network but no `camera` in its metadata, or the reverse; allowed: both or neither"
         )
     if policy.vision is not None and policy.memory is not None:
         raise PolicyError("the policy has vision and a memory; allowed: one of them or neither")

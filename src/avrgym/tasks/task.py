@@ -216,26 +216,26 @@ class Task:
                 f"the task name is {self.name!r}; allowed: an identifier of ASCII letters and digits"
             )
         if not self.goal.strip():
-            raise ValueError(f"the field goal of task {self.name} is empty; allowed: one sentence")
+            raise ValueError(f"task {self.name}: the field `goal` is empty; allowed: one sentence")
         if self.offered not in OFFERED_PARTS:
             raise ValueError(
-                f"the field offered of task {self.name} is {self.offered!r}; allowed: "
+                f"task {self.name}: the field `offered` is {self.offered!r}; allowed: "
                 f"{', '.join(map(repr, OFFERED_PARTS))}"
             )
         share = self.strength_share
         if share is not None and not _is_strength_share(share):
             raise ValueError(
-                f"the field strength_share of task {self.name} is {share!r}; allowed: None, a number above 0 and up "
+                f"task {self.name}: the field `strength_share` is {share!r}; allowed: None, a number above 0 and up "
                 f"to 1, or such numbers by joint name ({', '.join(JOINTS)})"
             )
         if "head" not in self.tracked or not set(self.tracked) <= set(TRACKED_BODY_PARTS):
             raise ValueError(
-                f"the field tracked of task {self.name} is {self.tracked!r}; allowed: 'head', and 'left' or 'right' "
+                f"task {self.name}: the field `tracked` is {self.tracked!r}; allowed: 'head', and 'left' or 'right' "
                 "for the arms that the robot works on"
             )
         if not self.weights:
             raise ValueError(
-                f"the field weights of task {self.name} is empty; allowed: a weight for each reward term"
+                f"task {self.name}: the field `weights` is empty; allowed: a weight for each reward term"
             )
         if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
             raise ValueError(
@@ -250,7 +250,7 @@ class Task:
     def _check_part(self, part: str, fits: bool, kind: str) -> None:
         if not fits:
             raise TypeError(
-                f"the field {part} of task {self.name} is {getattr(self, part)!r}; allowed: a value of type {kind}"
+                f"task {self.name}: the field `{part}` is {getattr(self, part)!r}; allowed: a value of type {kind}"
             )
 
     @property

@@ -156,7 +156,9 @@ def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
                 return TimeStamp(
                     response.tst_info.gen_time.astimezone(UTC), _signer(response, embedded), is_trusted
                 )
-    raise StudyError(f"not a valid time stamp of this plan: {fault}; request one of plan-frozen.json")
+    raise StudyError(
+        f"not a valid time stamp of this plan: {fault}; request a time stamp for plan-frozen.json"
+    )
 
 
 def _may_sign(root: x509.Certificate, certificates: Sequence[x509.Certificate]) -> bool:
