@@ -87,4 +87,7 @@ def test_rewards_are_added_up_one_by_one_whatever_sum_does(monkeypatch: pytest.M
     for step in steps:
         total += step.reward
     assert total != fsum(step.reward for step in steps)
-    assert study_data._step_metrics(dataclasses.replace(measured, steps=steps))["reward_recorded"] == total
+    assert (
+        study_data._step_metrics(dataclasses.replace(measured, control_steps=steps))["reward_recorded"]
+        == total
+    )

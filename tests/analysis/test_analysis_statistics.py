@@ -232,7 +232,7 @@ def test_holm_keeps_the_order_and_leaves_out_what_was_not_tested() -> None:
     ],
 )
 def test_what_cannot_be_tested_says_why(found, why: str) -> None:
-    assert (found.p, found.effect, found.note) == (None, None, why)
+    assert (found.p, found.effect_size, found.note) == (None, None, why)
 
 
 def test_one_value_has_no_interval() -> None:

@@ -250,7 +250,7 @@ def error_line(result: Result) -> str:
         (["envs", "--json", "/dev/stdout"], "not a regular file"),
         (["train", "avrgym/Nope-v1"], ENVIRONMENT),
         (["serve", "--env", "avrgym/Nope-v1"], ENVIRONMENT),
-        (["serve", "--person", "child"], "man and woman"),
+        (["serve", "--person", "child"], "man, woman"),
         (["serve", "--policy", "nope"], "original, revised, oracle, random, zero, FILE"),
         (["serve", "--host", "no.such.host.invalid"], "--host"),
     ],

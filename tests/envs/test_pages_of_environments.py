@@ -88,7 +88,7 @@ def test_a_number_of_particles_that_differs_from_the_state_is_refused(
     feeding = registry.TASKS["Feeding"]
     three = replace(SPOON, particles=replace(FOOD, initial_pos=FOOD.initial_pos[:3]))
     wrong = replace(feeding, name="Wrong", scene=lambda robot: replace(feeding.scene(robot), tool=three))
-    message = r"carries 3 particles, but the task state has 8; allowed: .*partial\(init_state, particles=3\)"
+    message = r"carries 3 particles, but the task state has 8; set .*partial\(init_state, particles=3\)"
     with pytest.raises(ValueError, match=message):
         run(add(wrong, monkeypatch))
 

@@ -91,7 +91,7 @@ def test_forward_is_that_of_mujoco_for_axes_of_any_direction(rng, any_chain):
 def test_the_tip_stays_within_reach_of_the_first_hinge(rng, any_chain):
     _, chain = any_chain
     pos, _ = kinematics.forward_kinematics(chain, rng.uniform(-4, 4, (COUNT, 8)))
-    assert np.linalg.norm(pos - chain.pos[0], axis=-1).max() < kinematics.reach_m(chain)
+    assert np.linalg.norm(pos - chain.body_pos[0], axis=-1).max() < kinematics.reach_m(chain)
 
 
 def test_a_straight_arm_reaches_as_far_as_can_be():
@@ -156,9 +156,9 @@ def test_hinges_without_range_turn_freely(rng, any_chain):
     """They pass ±π on the way, and a start pose has them within ±π at the same pose."""
     _, chain = any_chain
     free = np.arange(8) % 2 == 0
-    assert_array_equal(np.isinf(chain.lower), free)
-    assert_array_equal(np.isinf(chain.upper), free)
-    angles = np.clip(rng.uniform(3.0, 3.3, (100, 8)), chain.lower, chain.upper)
+    assert_array_equal(np.isinf(chain.lower_limit), free)
+    assert_array_equal(np.isinf(chain.upper_limit), free)
+    angles = np.clip(rng.uniform(3.0, 3.3, (100, 8)), chain.lower_limit, chain.upper_limit)
     goal = angles + np.where(free, 0.2, 0.0)
     found = kinematics.inverse_kinematics(
         chain, *kinematics.forward_kinematics(chain, goal), angles, tolerance=1e-9
@@ -212,8 +212,8 @@ def test_angles_stay_within_the_ranges(rng, arm):
         kinematics.inverse_kinematics(arm, pos, q, start).joint_positions,
         kinematics.inverse_kinematics_with_restarts(arm, pos, q, seed_pose(), uniforms),
     ):
-        assert (angles >= arm.lower).all()
-        assert (angles <= arm.upper).all()
+        assert (angles >= arm.lower_limit).all()
+        assert (angles <= arm.upper_limit).all()
         assert np.isfinite(angles).all()
 
 
@@ -256,8 +256,8 @@ def test_single_precision_is_good_for_a_tenth_of_a_millimetre(rng, arm):
     assert np.quantile(transforms.angle_between(found_q, q), 0.99) < 1e-3
     assert kinematics.is_accurate(solution).all()
     assert solution.joint_positions.dtype == np.float64
-    assert (solution.joint_positions >= arm.lower).all()
-    assert (solution.joint_positions <= arm.upper).all()
+    assert (solution.joint_positions >= arm.lower_limit).all()
+    assert (solution.joint_positions <= arm.upper_limit).all()
 
 
 def reached(chain: kinematics.Chain, angles: np.ndarray, pos: np.ndarray, q: np.ndarray) -> np.ndarray:

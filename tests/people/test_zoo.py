@@ -81,7 +81,7 @@ def stepped(
     moved = mind.motor if isinstance(mind, Moved) else partner_behaviour.initial_motor_state(mind, people)
     kept, shown = {name: getattr(mind, name) for name in PartnerState.__dataclass_fields__}, np.empty(0)
     for _ in range(steps):
-        now = PartnerState(**{**kept, "targets_rad": moved.angles_rad})
+        now = PartnerState(**{**kept, "joint_targets_rad": moved.angles_rad})
         now, goals = partner_behaviour.choose_goal_angles(
             now, sight(offset, len(now.time_s)), offered, SEATED
         )
@@ -91,7 +91,7 @@ def stepped(
         moved, shown = motor.next_joint_targets_rad(moved, 1)
         kept = vars(now)
     return Moved(
-        **{**kept, "targets_rad": moved.angles_rad},
+        **{**kept, "joint_targets_rad": moved.angles_rad},
         motor=moved,
         shown_rad=possible_for(people)(shown[0]),
     )

@@ -301,7 +301,7 @@ resource.setrlimit(resource.RLIMIT_FSIZE, (size_limit or resource.RLIM_INFINITY,
 writer = RecordingWriter(path, read_header(sys.argv[3]).configuration)
 print("started", flush=True)
 step, full_at, began = 0, None, time.monotonic()
-while writer.error is None and time.monotonic() - began < 20:
+while writer.disk_error is None and time.monotonic() - began < 20:
     state = [random.random() for _ in range(300)]
     writer.write("/physics", time.monotonic_ns(), Physics(step, step / 100, state))
     step += 1

@@ -114,7 +114,9 @@ def test_bases_have_clear_ways_to_the_goals(monkeypatch: pytest.MonkeyPatch) -> 
         episodes.reset(np.arange(3), [np.random.default_rng(world) for world in range(3)])
     (_, without), (path_cost, with_ways) = chosen[0], next(each for each in chosen if each[0] is not None)
     costs = [
-        path_cost(found.base.pos_w[:, None], found.base.yaw_rad[:, None], found.joint_positions[:, None])
+        path_cost(
+            found.base_poses.pos_w[:, None], found.base_poses.yaw_rad[:, None], found.joint_positions[:, None]
+        )
         for found in (without, with_ways)
     ]
     assert (costs[1] <= costs[0] + 1e-6).all()

@@ -97,8 +97,8 @@ def tip_in_world(base: BasePoses, joint_positions: np.ndarray) -> tuple[np.ndarr
 
 def test_the_arm_starts_where_it_should(problem):
     choice = problem.search_base_pose()
-    assert choice.reached.all()
-    pos_w, q_w = tip_in_world(choice.base, choice.joint_positions)
+    assert choice.start_reached.all()
+    pos_w, q_w = tip_in_world(choice.base_poses, choice.joint_positions)
     assert np.linalg.norm(pos_w - problem.start_pos_w, axis=-1).max() < kinematics.MAX_POSITION_ERROR_M
     assert transforms.angle_between(q_w, problem.start_q_w).max() < kinematics.MAX_ROTATION_ERROR_RAD
     assert (choice.joint_positions >= np.maximum(CHAIN.lower_limit, -np.pi)).all()
@@ -108,8 +108,8 @@ def test_the_arm_starts_where_it_should(problem):
 def test_the_chosen_base_is_one_of_the_candidates(problem):
     choice = problem.search_base_pose()
     worlds = np.arange(WORLDS)
-    assert_array_equal(choice.base.pos_w, problem.candidates.pos_w[worlds, choice.index])
-    assert_array_equal(choice.base.yaw_rad, problem.candidates.yaw_rad[worlds, choice.index])
+    assert_array_equal(choice.base_poses.pos_w, problem.candidates.pos_w[worlds, choice.candidate_index])
+    assert_array_equal(choice.base_poses.yaw_rad, problem.candidates.yaw_rad[worlds, choice.candidate_index])
 
 
 def isotropy_by_numpy(joint_positions: np.ndarray) -> float:
@@ -158,7 +158,9 @@ def test_no_candidate_is_better_than_the_chosen_one(rng):
 
 def test_goals_come_first_and_isotropy_second(problem):
     choice = problem.search_base_pose()
-    for scores, index in zip(zip(*vars(choice.scores).values(), strict=True), choice.index, strict=True):
+    for scores, index in zip(
+        zip(*vars(choice.scores).values(), strict=True), choice.candidate_index, strict=True
+    ):
         start_reached, _, goals, isotropy = scores
         assert start_reached[index]
         assert goals[index] == goals[start_reached].max()
@@ -174,36 +176,36 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
 
     chosen = problem.search_base_pose(path_cost=cost)
     assert seen["yaw"].shape == (WORLDS, base_search.NUM_PATH_COSTS)
-    assert_array_equal(seen["yaw"][:, 0], plain.base.yaw_rad)
-    assert_array_equal(np.abs(chosen.base.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
-    assert chosen.reached.all()
+    assert_array_equal(seen["yaw"][:, 0], plain.base_poses.yaw_rad)
+    assert_array_equal(np.abs(chosen.base_poses.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
+    assert chosen.start_reached.all()
 
 
 def test_candidates_that_miss_the_start_count_for_nothing(problem):
     scores = problem.search_base_pose().scores
     assert not scores.start_reached.all()
-    assert_array_equal(scores.goals_reached[~scores.start_reached], 0)
-    assert_array_equal(scores.isotropy[~scores.start_reached], 0.0)
-    assert (scores.isotropy <= 1.0 + scores.goals_reached).all()
+    assert_array_equal(scores.num_goals_reached[~scores.start_reached], 0)
+    assert_array_equal(scores.isotropy_sum[~scores.start_reached], 0.0)
+    assert (scores.isotropy_sum <= 1.0 + scores.num_goals_reached).all()
 
 
 def test_goals_beyond_reach_are_not_reached(problem):
     problem.goal_pos_w[:, 1] += [0.0, 0.0, 5.0]
     scores = problem.search_base_pose().scores
-    assert scores.goals_reached.max() == 2
+    assert scores.num_goals_reached.max() == 2
 
 
 def test_goals_of_any_rotation_are_reached_by_more(problem):
-    with_rotation = problem.search_base_pose().scores.goals_reached.mean()
+    with_rotation = problem.search_base_pose().scores.num_goals_reached.mean()
     problem.goal_q_w = None
-    assert problem.search_base_pose().scores.goals_reached.mean() > with_rotation
+    assert problem.search_base_pose().scores.num_goals_reached.mean() > with_rotation
 
 
 def test_without_goals_the_freest_start_is_chosen(problem):
     problem.goal_pos_w = problem.goal_pos_w[:, :0]
     problem.goal_q_w = None
     choice = problem.search_base_pose()
-    assert_array_equal(choice.index, choice.scores.isotropy.argmax(axis=-1))
+    assert_array_equal(choice.candidate_index, choice.scores.isotropy_sum.argmax(axis=-1))
 
 
 def test_worlds_without_any_base_say_so(problem):
@@ -211,8 +213,8 @@ def test_worlds_without_any_base_say_so(problem):
     alone = problem.search_base_pose()
     problem.start_pos_w[3] += [6.0, 0.0, 0.0]
     choice = problem.search_base_pose()
-    assert_array_equal(np.nonzero(~choice.reached)[0], [3])
-    assert choice.index[3] == choice.scores.start_error_m[3].argmin()
+    assert_array_equal(np.nonzero(~choice.start_reached)[0], [3])
+    assert choice.candidate_index[3] == choice.scores.start_error_m[3].argmin()
     assert np.isfinite(choice.joint_positions).all()
     assert_array_equal(
         np.delete(choice.joint_positions, 3, axis=0), np.delete(alone.joint_positions, 3, axis=0)

@@ -154,7 +154,7 @@ def test_sessions_after_the_end_prevent_deletion(folder: Path) -> None:
 def test_only_the_command_deletes_due_data(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(retention, "today_utc", lambda: date(2127, 1, 1))
     for module in ("avrgym.study.checking.checks", "avrgym.study.dashboard.views"):
-        monkeypatch.setattr(f"{module}.today", lambda: date(2127, 1, 1))
+        monkeypatch.setattr(f"{module}.today_utc", lambda: date(2127, 1, 1))
     before = files(store.folder)
     words = "names and contacts of 1 participant must be deleted since 2126-12-30"
     (finding,) = check_retention_periods(store)

@@ -66,7 +66,7 @@ MISTAKES = [
     ('["PR2", "Jaco"]', '["PR2",\n  "R2D2"]', "unknown name 'R2D2'; allowed: Jaco, PR2"),
     ('["PR2", "Jaco"]', '["PR2",\n  "PR2"]', "'PR2' is listed twice"),
     ('["PR2", "Jaco"]', "[]", "robots: Expected array of length >= 1"),
-    ('"original", "revised"]', '"../secret"]', "'../secret' is not a valid name; allowed: a packaged policy"),
+    ('"original", "revised"]', '"../secret"]', "'../secret' is not a valid name; allowed: the name of"),
     ('practice_policy = "revised"', 'practice_policy = "/etc"', "'/etc' is not a valid name"),
     ("participants = 8", "participants = 0", "participants: Expected int >= 1"),
     ("participants = 8", 'participants = "eight"', "participants: Expected int, got str"),

@@ -106,7 +106,7 @@ def test_study_may_translate_only_the_page(tmp_path: Path) -> None:
 
 def test_participant_reads_one_language(folder: Path, tmp_path: Path) -> None:
     with Store(folder) as store:
-        with pytest.raises(StudyError, match="allowed: en, de"):
+        with pytest.raises(StudyError, match="allowed in this study: en, de"):
             enrol_participant(store, "woman", language="fr")
         pseudonym = take_in_german(store)
         read = GERMAN.translate(store.design.consent.text)

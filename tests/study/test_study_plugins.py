@@ -140,7 +140,7 @@ def test_methods_section_lists_plugins(robot: Path, folder: Path) -> None:
         run_participant(store, enrol_with_consent(store), 2)
         said = list(
             _plugins(
-                cast(Any, Namespace(observed=read_study_data(store))), cast(Any, Namespace(simulated=True))
+                cast(Any, Namespace(study_data=read_study_data(store))), cast(Any, Namespace(simulated=True))
             )
         )
     then = plugins_of(ENVIRONMENT)[0]

@@ -179,7 +179,7 @@ def test_other_readers_prevent_erasure_of_traces(store: Store, monkeypatch: pyte
     with Store(store.folder) as reader, reader.database.read_transaction() as connection:
         connection.execute(schema.PARTICIPANT_TABLE.select()).all()
         with pytest.raises(
-            StudyError, match="another program uses the study, and deleted data can still be recovered"
+            StudyError, match="another program uses the study, so deleted data can still be recovered"
         ):
             delete_participant(store, "sub-002")
     delete_participant(store, "sub-002")

@@ -255,7 +255,7 @@ def test_session_does_not_begin_without_a_link(
 ) -> None:
     """If the link cannot be stored, the session does not begin for spectators."""
 
-    def fail(*_: object) -> str:
+    def fail(*_: object, **__: object) -> str:
         raise StudyError("the study's database: disk full")
 
     pseudonym = enrol_with_consent(store)

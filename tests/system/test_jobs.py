@@ -64,8 +64,8 @@ def test_processes_end_with_the_one_that_started_them(tmp_path: Path) -> None:
     """However that ends."""
     (tmp_path / "sleeping.py").write_text(SLEEPING)
     code = (
-        "from avrgym.system.jobs import run_all; from sleeping import sleep;"
-        "run_all(sleep, [('one',), ('other',)], 2) if __name__ == '__main__' else None"
+        "from avrgym.system.jobs import starmap; from sleeping import sleep;"
+        "starmap(sleep, [('one',), ('other',)], 2) if __name__ == '__main__' else None"
     )
     with subprocess.Popen([sys.executable, "-c", code], cwd=tmp_path) as parent:
         files = [tmp_path / "one", tmp_path / "other"]

@@ -8,14 +8,15 @@ HELD = """
 import os
 from pathlib import Path
 import numpy as np
-from avrgym.system.memory import LARGE_BYTES, return_large_blocks
+from avrgym.system.memory import MMAP_THRESHOLD_BYTES, set_mmap_threshold
 
 def resident_bytes():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
-return_large_blocks()
+set_mmap_threshold()
 begun = resident_bytes()
-blocks = [np.ones(LARGE_BYTES // 256 if number % 2 else LARGE_BYTES + 4096, np.uint8) for number in range(150)]
+large = MMAP_THRESHOLD_BYTES
+blocks = [np.ones(large // 256 if number % 2 else large + 4096, np.uint8) for number in range(150)]
 filled = resident_bytes() - begun
 del blocks[::2]
 print(filled, resident_bytes() - begun)

@@ -93,7 +93,8 @@ def test_only_the_right_arm_is_limp():
 @pytest.mark.parametrize("share", [0.0, 1.5, {"right_elbow": 0.1}, {"right_elbow_x": 0.0}])
 def test_an_impossible_strength_is_rejected(share):
     with pytest.raises(
-        ValueError, match=r"strength_share of task ArmManipulation is .*allowed: None, a number above 0"
+        ValueError,
+        match=r"task ArmManipulation: the field `strength_share` is .*allowed: None, a number above 0",
     ):
         replace(TASK, strength_share=share)
 

@@ -118,7 +118,7 @@ def test_the_torso_follows_the_backrest() -> None:
 
 
 def test_people_who_execute_actions_refuse_the_other_arm() -> None:
-    with pytest.raises(ValueError, match="no served_arm"):
+    with pytest.raises(ValueError, match="remove served_arm"):
         Episodes("avrgym/ScratchItchJaco-v1", 1, human_actions=True, settings=Settings(served_arm="left"))
 
 

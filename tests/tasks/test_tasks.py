@@ -49,15 +49,23 @@ def test_a_task_s_scene_with_a_robot_is_one_object(task, robot):
     [
         ({"name": "Feeding people"}, ValueError, "the task name is 'Feeding people'; allowed: an identifier"),
         ({"name": "Fütterung"}, ValueError, "allowed: an identifier of ASCII letters"),
-        ({"name": None}, TypeError, "name of task None is None; allowed: a value of type str"),
+        ({"name": None}, TypeError, "task None: the field `name` is None; allowed: a value of type str"),
         ({"goal": " "}, ValueError, "task Feeding: the field `goal` is empty"),
         (
             {"offered": "foot"},
             ValueError,
-            "offered of task Feeding is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
+            "task Feeding: the field `offered` is 'foot'; allowed: 'mouth', 'arm', 'left_arm', 'nothing'",
         ),
-        ({"expert": None}, TypeError, "expert of task Feeding is None; allowed: a value of type function"),
-        ({"views": None}, TypeError, "views of task Feeding is None; allowed: a value of type Views"),
+        (
+            {"expert": None},
+            TypeError,
+            "task Feeding: the field `expert` is None; allowed: a value of type function",
+        ),
+        (
+            {"views": None},
+            TypeError,
+            "task Feeding: the field `views` is None; allowed: a value of type Views",
+        ),
         ({"weights": {}}, ValueError, "task Feeding: the field `weights` is empty"),
         ({"hyperparameters": {"detour_weight_per_m": 1.0}}, ValueError, "but no detour_m"),
     ],

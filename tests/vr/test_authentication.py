@@ -253,14 +253,14 @@ def test_spectators_cannot_send_commands(server: LiveServer) -> None:
         hear(spectator, Welcome)
         tell(spectator, Command(name="end"))
         assert "may send no commands" in cast(Problem, hear(spectator, Problem)).message
-        assert server.session.phase != "finished"
+        assert server.session.phase_name != "finished"
 
 
 def test_participants_cannot_send_commands(server: LiveServer) -> None:
     with participant(server) as taking_part:
         tell(taking_part, Command(name="end"))
         assert "invalid message" in cast(Problem, hear(taking_part, Problem)).message
-        assert server.session.phase != "finished"
+        assert server.session.phase_name != "finished"
 
 
 def test_the_experimenter_commands_the_session(tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatc
     ended: list[str] = []
 
     class Taken(gate_module.Connection):
-        def end(self) -> None:
+        def close_immediately(self) -> None:
             ended.append(self.host)
             self.role = "spectator"  # no stranger any more
 

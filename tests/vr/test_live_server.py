@@ -71,7 +71,7 @@ M = TypeVar("M", bound=Message)
 PATIENCE_S = 60.0
 TYPES = (
     "hello, tracking, receipt, entered, left, ready, scene_loaded, stop, robot_command, visibility_changed, "
-    "recalibrate, request_break, origin_reset, answer"
+    "recalibrate, request_break, change_preferences, origin_reset, answer"
 )
 
 
@@ -333,7 +333,7 @@ def test_a_connection_without_hello_is_refused(server: LiveServer, first: Messag
         words, code, reason = client.refusal()
     assert code == 4400
     assert words == reason == f"the first message must be a hello of protocol {messages.PROTOCOL_VERSION}"
-    assert server.session.phase == "waiting"
+    assert server.session.phase_name == "waiting"
 
 
 @pytest.mark.parametrize("protocol", [0, messages.PROTOCOL_VERSION - 1, messages.PROTOCOL_VERSION + 1])
@@ -584,7 +584,7 @@ def test_a_dropped_connection_halts_the_robot_and_the_next_is_greeted(
         client.await_message(StateChange)
         if not politely:
             client.vanish()
-    await_that(lambda: server.session.phase == "waiting")
+    await_that(lambda: server.session.phase_name == "waiting")
     await_that(lambda: read_recording(recording).outcome is not None)
     with participant(server) as client:
         assert isinstance(client.receive(), Language)

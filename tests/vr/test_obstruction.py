@@ -14,7 +14,7 @@ from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
 from avrgym.vr.live_world.obstruction import OBSTRUCTED_DISPLACEMENT_M, ObstructionMonitor
 from avrgym.vr.live_world.world import LiveWorld
-from avrgym.vr.protocol.messages import TICK_S, State
+from avrgym.vr.protocol.messages import TICK_S, Drive, State
 from avrgym.vr.tracking.body import RELAXED_ANGLES_RAD, BodyPose
 from avrgym.vr.tracking.jumps import TRACKED_BODY_PARTS
 from helpers.vr.visit import ENVIRONMENT, Visit, plan
@@ -103,7 +103,8 @@ def test_a_robot_that_pushes_an_arm_holds_it_back(sitting: Sitting) -> None:
     held = [sitting.reach(before_tool_w, operator) for _ in range(50)]
     for tick in range(300):
         way_w = sitting.hand_w() - sitting.tool_w()
-        operator.command_velocity(0.5 * transforms.normalize(way_w), np.zeros(3), tick * TICK_S)
+        left, backward, up = (0.5 * transforms.normalize(way_w)).tolist()
+        operator.apply_command(Drive(True, (-backward, left, up), (0.0, 0.0, 0.0)), tick * TICK_S)
         held.append(sitting.reach(before_tool_w, operator))
     assert held[:50] == [()] * 50
     assert "right" in held[-1]

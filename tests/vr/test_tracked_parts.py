@@ -300,7 +300,7 @@ def test_no_simulated_participant_repeats_a_pose(people: str, impairment: Impair
 @pytest.mark.parametrize("parts", [(), ("right",), ("head", "nose"), ("left", "right")])
 def test_a_task_needs_the_head_and_nothing_else_than_arms(parts: tuple[str, ...]) -> None:
     with pytest.raises(
-        ValueError, match=r"tracked of task Feeding is .* allowed: 'head', and 'left' or 'right'"
+        ValueError, match=r"task Feeding: the field `tracked` is .* allowed: 'head', and 'left' or 'right'"
     ):
         replace(TASKS["Feeding"], tracked=parts)  # type: ignore[arg-type]
 

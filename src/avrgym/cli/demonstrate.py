@@ -61,7 +61,9 @@ def demonstrate(
     settings: SettingsOption = None,
     episode_steps: EpisodeStepsOption = EPISODE_STEPS,
 ) -> None:
-    """Record demonstrations: you drive the robot in VR, or by keyboard or gamepad, next to simulated people.
+    """Record demonstrations with simulated people.
+
+    You drive the robot in VR, or by keyboard or gamepad.
 
     Each episode has another person. You start it, and end it as a success or discard it, by button.
     """

@@ -71,7 +71,7 @@ def invitations(
     ] = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """List the invitations with the number of participants who used them."""
+    """List invitations with their numbers of uses."""
     from avrgym.study.people.invitations import close_invitation, list_invitations
     from avrgym.study.storage.store import Store
 

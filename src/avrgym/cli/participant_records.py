@@ -180,7 +180,7 @@ def retention(
     ] = False,
     json_file: JsonFileOption = None,
 ) -> None:
-    """List data after their retention period, or delete them.
+    """List data after their retention period.
 
     The periods are in [retention] of study.toml. With --delete, due data are deleted, and each deletion is logged. Run
     the command with --delete daily by cron or systemd.

@@ -238,7 +238,7 @@ def check_study_and_plan(store: "Store") -> "list[Finding]":
 
 
 def quality(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
-    """Show the quality of answers, and the participants whom the plan's rules exclude.
+    """Show the quality of answers and exclusions.
 
     The rules are [[exclusion.rules]] of the frozen plan.
     """

@@ -131,7 +131,7 @@ def _row(participant: "ParticipantSummary") -> dict[str, Any]:
     return row | {"order": None if participant.cell is None else participant.cell + 1}
 
 
-@app.command()
+@app.command("enrol")
 def enrol_participant(
     folder: StudyFolderArgument,
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],

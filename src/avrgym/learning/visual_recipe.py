@@ -59,7 +59,8 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
     )
     if not isinstance(teacher, Policy) or teacher.memory is not None or teacher.vision is not None:
         raise ValueError(
-            f"{configuration.teacher!r} cannot be the teacher of a visual policy; allowed: a feed-forward policy without cameras, "
+            f"{configuration.teacher!r} cannot be the teacher of a visual policy; allowed: a feed-forward "
+            f"policy without cameras, "
             "by its name or file"
         )
     return teacher

@@ -39,7 +39,7 @@ class FeedbackPlanner(MotionPlanner):
     def reset_posture(self) -> None:
         """Set the preferred posture to the present positions, clipped to the middle of the joint ranges."""
         self._update()
-        self.posture = np.clip(self.joint_positions, *self._middle)
+        self.preferred_posture = np.clip(self.joint_positions, *self._middle)
 
     def _update(self) -> None:
         self._continue_from(self._simulation.joint_positions())

@@ -345,7 +345,7 @@ class OperatorDriver:
     def apply_command(self, command: Drive, now_s: float) -> str:
         """Apply a velocity command. ``now_s``: the current time on the session's clock.
 
-        Returns why it is refused, once per attempt to command_velocity; otherwise an empty text.
+        Returns why it is refused, once per attempt to drive; otherwise an empty text.
         """
         if not command.engaged:
             self._leave(command.source)
