@@ -180,7 +180,7 @@ ANATOMY: dict[str, dict[str, object]] = {
         "lift": arm.RAISED_ELBOW_COST,
         "elbow_rests": arm.ELBOW_REST_DIRECTION,
         "least_squares_steps": arm.LEAST_SQUARES_STEPS,
-        "metres_per_radian": arm.ROTATION_WEIGHT_M,
+        "metres_per_radian": arm.CHARACTERISTIC_LENGTH_M,
         "exact_rad": arm.CLIPPING_TOLERANCE_RAD,
         "damping_m": arm.DAMPING_M,
     },
@@ -201,7 +201,7 @@ ANATOMY: dict[str, dict[str, object]] = {
         "max_switch_gap_s": switches.MAX_SWITCH_GAP_S,
         "rest_radius_m": switches.REST_RADIUS_M,
         "fading_per_metre": switches.CORRECTION_FADING_PER_METRE,
-        "metres_per_radian": switches.ROTATION_WEIGHT_M,
+        "metres_per_radian": switches.CHARACTERISTIC_LENGTH_M,
     },
     "PERSON": {
         "prefix": human.PREFIX,

@@ -36,7 +36,7 @@ SCENE_CAMERA_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``."""
 WRIST_CAMERA_FOVY_DEG = 58.0
 """Vertical field of view of the wrist camera: that of an Intel RealSense D435 (data sheet: 87° × 58°)."""
-WRIST_CAMERA_FROM_GRIP_M = np.array([-0.05, 0.0, 0.10])
+WRIST_CAMERA_OFFSET_M = np.array([-0.05, 0.0, 0.10])
 """Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
 fingers."""
 WRIST_CAMERA_TARGET_M = np.array([0.40, 0.0, 0.0])
@@ -181,7 +181,7 @@ def add_cameras(
         elif camera.name == WRIST_CAMERA:
             body, pos, fovy_deg = (
                 spec.body(SCENE_TOOL_BODY),
-                scene.tool.grip_pos + WRIST_CAMERA_FROM_GRIP_M,
+                scene.tool.grip_pos + WRIST_CAMERA_OFFSET_M,
                 WRIST_CAMERA_FOVY_DEG,
             )
             q = camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0])

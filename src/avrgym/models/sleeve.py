@@ -100,5 +100,5 @@ SLEEVE = Tool(
     particles=None,
     cloth=GOWN,
     grip=WASHCLOTH.name,
-    symmetry_axis=2,
+    mirror_axis=2,
 )

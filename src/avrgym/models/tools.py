@@ -78,7 +78,7 @@ class Tool:
     mouth_part_outline: FloatArray | None = None
     cloth: Cloth | None = None
     grip: str | None = None
-    symmetry_axis: int = 1
+    mirror_axis: int = 1
 
     @property
     def grip_name(self) -> str:

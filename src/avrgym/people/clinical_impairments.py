@@ -36,7 +36,8 @@ SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
 """Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
 SPASTIC_MOBILITY = (1.0, 0.6)
 """Executed share of the commanded motion of spastic arms."""
-MAX_AFFECTED_SPEED_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
+AFFECTED_SPEED_LIMITS_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
+"""Speed limits of affected joints at the lowest and the highest severity."""
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
 PASSIVE_TORQUE_SHARE = 0.05
 """Torque of joints without voluntary control, as a share of the healthy torque.
@@ -124,7 +125,7 @@ def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
         signs,
         damping_n_m_s=_by_joint(severity, elbow, parts),
         mobility=_affected(severity, SPASTIC_MOBILITY, _IN_ARM, 1.0),
-        max_speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
+        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMITS_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -135,7 +136,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
         torque_share=strength[..., None] * signs.torque_share,
-        max_speed_rad_s=_affected(severity, MAX_AFFECTED_SPEED_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
+        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMITS_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
 

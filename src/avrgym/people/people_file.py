@@ -1,7 +1,7 @@
 """People files: TOML files written by ``avrgym fit-people``. Users may edit them.
 
-Joint ranges are in degrees. For a joint without a range, the pose of the task applies. Files may also contain the
-behaviour of participants.
+They contain ranges of initial joint angles by task, in degrees. A joint without a range has the task's angle.
+They may also contain the behaviour of participants.
 """
 
 import tomllib

@@ -30,8 +30,8 @@ MIN_GAP_M = 0.01
 """Gap at which the allowed closing speed is zero."""
 MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
-ROTATION_WEIGHT_M = 0.2
-"""Weight of the tool's rotation: one radian counts as this distance."""
+CHARACTERISTIC_LENGTH_M = 0.2
+"""Converts a rotation error of the tool (rad) to a position error (m)."""
 SPEED_DAMPING = 0.03
 """Weight of squared joint speeds in the quadratic programme."""
 MIN_CLOSING_TIME_S = 0.3
@@ -152,7 +152,7 @@ class Retreat:
         The speeds respect the limits of gaps and joint ranges.
         """
         jacobian = self._jacobian(self._tool, self._data.xpos[self._tool])
-        jacobian[3:] *= ROTATION_WEIGHT_M
+        jacobian[3:] *= CHARACTERISTIC_LENGTH_M
         positions = self._simulation.joint_positions()[self._world]
         joints = np.eye(len(self._dofs), len(self._speed_limit))
         down, up = positions - self._range[:, 0], self._range[:, 1] - positions

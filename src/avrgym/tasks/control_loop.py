@@ -27,9 +27,8 @@ class StepOutcome:
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
     ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) is the mask of worlds in which
-    another action replaced the commanded one. It came from the force guard, the withdrawal or the pacing layer.
-    ``guard_interventions`` (N,) is the number of interventions of the guard in the episode. Both are ``None`` without
-    such a layer.
+    the force guard, the withdrawal or the pacing layer replaced the commanded action. ``guard_interventions`` (N,) is
+    the number of interventions of the guard in the episode. Both are ``None`` if no such layer is on.
     """
 
     observation: FloatArray

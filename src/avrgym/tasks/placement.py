@@ -89,7 +89,7 @@ def arm_chain(scene: SceneConfig) -> kinematics.Chain:
     """Returns the kinematic chain of the moving arm, from the robot's base to the tool."""
     model = robot_with_tool(scene, appearance=False).compile()
     chain = kinematics.extract_chain(model, scene.arm.joints, scene.robot.base, TOOL_BODY)
-    return mirror_chain(chain, scene.tool.symmetry_axis) if scene.task_frame.mirrored else chain
+    return mirror_chain(chain, scene.tool.mirror_axis) if scene.task_frame.mirrored else chain
 
 
 MAX_DRIVE_TRAVEL_M = 0.8

@@ -143,7 +143,7 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
         x, y, z = settings.table_offset_m or (0.0, 0.0, 0.0)
         lowered = msgspec.structs.replace(settings, table_offset_m=(x, y, z - frame.rise_m))
         task = TASKS[name].with_settings(lowered)
-    return task_in_frame(task, frame, scene.tool.symmetry_axis), scene
+    return task_in_frame(task, frame, scene.tool.mirror_axis), scene
 
 
 def task_goal(name: str, settings: Settings) -> str:

@@ -115,7 +115,7 @@ class WorldPeople:
         self._settings = settings
         self.person = person
         self._task, self._frame = TASKS[find_environment(environment_id)[0]], scene.in_task_frame.task_frame
-        self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.symmetry_axis
+        self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.mirror_axis
         self._furniture = furniture_boxes(scene.furniture).in_frame(self._frame)
         requested = impairments.find_impairment(impairment)
         self._populations = [

@@ -22,7 +22,7 @@ AnswerTime = tuple[int, int, str]
 
 @dataclass(frozen=True)
 class Score:
-    """The score of one scale from the answers at one time.
+    """The score of one scale from the answers at one moment of the study.
 
     ``scale_name``: name of the scale. ``value``: the score; ``None`` if required answers are missing.
     """

@@ -76,7 +76,7 @@ class SessionQuestions:
     def receive(self, message: ReceivedMessage) -> None:
         """Handle answers, commands and selections by the experimenter. Other messages are ignored."""
         if isinstance(message, Offered | Press):
-            self._visit.input.forward_selection(message, self._send)
+            self._visit.input.relay_selection(message, self._send)
         if self.is_done or self._stored is not None:
             return
         if isinstance(message, Answer):

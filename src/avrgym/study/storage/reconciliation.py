@@ -180,18 +180,18 @@ class ListDifferences:
     ``new_list_reason``: reason to start a new list; ``None`` if the list is valid. ``restored_states``: final states
     that only the list contains, by participant number. ``missing_states``: states that only the database contains, by
     participant number. ``is_older_copy``: the list is an older copy and lacks the last entry that this computer stored.
-    ``is_unsigned``: the list matches the database, but this user has not signed it.
+    ``is_unsigned_by_user``: the list matches the database, but this user has not signed it.
     """
 
     new_list_reason: str | None = None
     restored_states: ContentByParticipant = field(default_factory=dict[int, EntryContent])
     missing_states: ContentByParticipant = field(default_factory=dict[int, EntryContent])
     is_older_copy: bool = False
-    is_unsigned: bool = False
+    is_unsigned_by_user: bool = False
 
     def __bool__(self) -> bool:
         return self.new_list_reason is not None or any(
-            (self.restored_states, self.missing_states, self.is_older_copy, self.is_unsigned)
+            (self.restored_states, self.missing_states, self.is_older_copy, self.is_unsigned_by_user)
         )
 
 
@@ -222,7 +222,7 @@ def compare_with_list(known: ParticipationList, connection: sa.Connection) -> Li
         return ListDifferences(restored_states=restored, missing_states=missing, is_older_copy=set_back)
     if restored or missing:
         return ListDifferences(new_list_reason="replaces a different list that another user's key signed")
-    return ListDifferences(is_unsigned=signing.load_signing_key() is not None)
+    return ListDifferences(is_unsigned_by_user=signing.load_signing_key() is not None)
 
 
 def _lacks(found: EntryContent | None, final: EntryContent) -> bool:
@@ -247,7 +247,7 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
     if found.is_older_copy:
         detail = "this copy of the study is older than the last one on this computer"
         hash_chain.insert(connection, EVENT_TABLE, at=utc_timestamp(), name=OLDER_COPY_EVENT, detail=detail)
-    if found.is_older_copy or found.is_unsigned:
+    if found.is_older_copy or found.is_unsigned_by_user:
         known.append_entries(
             [(None, _without_participant(connection, LIST_COMPARED_EVENT, utc_timestamp(), ""))]
         )

@@ -40,7 +40,7 @@ LIFT_TOLERANCE_M = 0.03
 """Maximum distance below the carrying height at which the scooper also moves the forearm to the person's left."""
 INWARD_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
-MIN_LIFTING_X_M = RESTING_X_M - 0.145
+MIN_LIFTED_POINT_X_M = RESTING_X_M - 0.145
 """Smallest x coordinate of the forearm's lifted point during lifting. The far rim does not touch the armrest there."""
 MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
 """Maximum vertical distance of the target from the forearm, then height of the target above the carrying height.
@@ -78,7 +78,7 @@ def lifting_target(
     goal_w = lifted_w - (CONTACT_OFFSET_M + before)[:, None] * up_w
     below = np.clip(1.0 - before / LIFT_TOLERANCE_M, 0.0, 1.0)
     goal_w[:, 2] += below * np.clip(missing + HEIGHT_MARGIN_M, -MAX_VERTICAL_LEAD_M, MAX_VERTICAL_LEAD_M)
-    aim_x = MIN_LIFTING_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - MIN_LIFTING_X_M)
+    aim_x = MIN_LIFTED_POINT_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - MIN_LIFTED_POINT_X_M)
     above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
     cradled = np.clip((ON_RIM_HEIGHT_M - above_m) / (ON_RIM_HEIGHT_M - CRADLED_HEIGHT_M), 0.0, 1.0)
     goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * MAX_VERTICAL_LEAD_M)

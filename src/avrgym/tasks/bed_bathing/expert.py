@@ -40,7 +40,8 @@ TARGET_FORCE_N, MAX_FORCE_N, CONTACT_FORCE_N = 5.0, 15.0, 1.0
 DEPTH_GAIN_M_N = 0.0003
 DEPTH_RANGE_M = (-0.015, 0.03)
 ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
-ROTATION_WEIGHT_M = 0.1
+CHARACTERISTIC_LENGTH_M = 0.1
+"""Converts a rotation (rad) to a distance (m)."""
 MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
@@ -80,7 +81,7 @@ class BedBathingExpert:
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
         arrived = np.where(self._phase == TOUCH_PHASE, state.tool_force_n > CONTACT_FORCE_N, arrived)
-        stuck = self._is_stuck(away + ROTATION_WEIGHT_M * turn)
+        stuck = self._is_stuck(away + CHARACTERISTIC_LENGTH_M * turn)
         self._waited[arrived | stuck], self._left_m[arrived | stuck] = 0, np.inf
         on = arrived | (stuck & (self._phase == WIPE_PHASE))
         over = ((on & (self._phase == LIFT_PHASE)) | (stuck & ~on)) & (self._phase != REST_PHASE)

@@ -124,7 +124,7 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class DressingExpert:
-    """Pulls the sleeve along the arm. Each step starts at the servo targets."""
+    """Pulls the sleeve along the arm. Each control step plans from the servo targets, not from measured angles."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         """Begin at the present joint angles."""

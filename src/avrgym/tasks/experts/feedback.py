@@ -18,7 +18,7 @@ SPEED_GAIN_PER_S = 2.0
 """Speed of the approach per metre of distance from the goal, 1/s."""
 STANDOFF_PER_OFFSET = 2.0
 """Standoff from the goal per metre of lateral offset beyond the free offset."""
-AVOIDED_RANGE_SHARE = 0.35
+AVOIDED_JOINT_RANGE_SHARE = 0.35
 """Share of a joint's range, at each end, that the preferred posture avoids."""
 
 
@@ -33,7 +33,7 @@ class FeedbackPlanner(MotionPlanner):
         """Start at the present joint positions."""
         super().__init__(episodes)
         lower, upper = self._chain.lower_limit, self._chain.upper_limit
-        ends = AVOIDED_RANGE_SHARE * (upper - lower)
+        ends = AVOIDED_JOINT_RANGE_SHARE * (upper - lower)
         self._middle = lower + ends, upper - ends
 
     def reset_posture(self) -> None:

@@ -49,13 +49,13 @@ class ForceControl(NamedTuple):
     """Force control of the tip: target force, depth step per newton of force error, and limits of the depth step."""
 
     target_force_n: float
-    gain_m_n: float
+    gain_m_per_n: float
     min_depth_step_m: float
     max_depth_step_m: float
 
 
 FORCE_CONTROL = ForceControl(
-    target_force_n=3.0, gain_m_n=0.0005, min_depth_step_m=-0.002, max_depth_step_m=0.001
+    target_force_n=3.0, gain_m_per_n=0.0005, min_depth_step_m=-0.002, max_depth_step_m=0.001
 )
 
 
@@ -167,7 +167,7 @@ def rubbing_target(
     ahead = LOOP_HALF_AXES_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
     deeper = np.clip(
-        press.gain_m_n * (press.target_force_n - state.tool_force_n),
+        press.gain_m_per_n * (press.target_force_n - state.tool_force_n),
         press.min_depth_step_m,
         press.max_depth_step_m,
     )

@@ -54,7 +54,7 @@ MAX_LOOKAHEAD_RAD = 0.8
 RUB_SPEED_M_S = 0.06
 """Speed of the tip on the skin."""
 FORCE_CONTROL = expert.ForceControl(
-    target_force_n=2.5, gain_m_n=0.0008, min_depth_step_m=-0.006, max_depth_step_m=0.001
+    target_force_n=2.5, gain_m_per_n=0.0008, min_depth_step_m=-0.006, max_depth_step_m=0.001
 )
 """Force control of the tip. The depth increases slowly and decreases quickly."""
 MAX_LINK_FORCE_N = 5.0
@@ -68,9 +68,9 @@ WITHDRAWAL_SPEED_M_S = 0.3
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: the tip moves around the limb above the skin to the itch, then rubs.
 
-    For an itch on the inner side, an arm on the wheelchair first rotates its hand in front of the wrist. The arm of a
-    robot on the floor is thicker and would touch the person, see ``memory_expert``. If links press on the person, the
-    arm withdraws.
+    For an itch on the inner side, a robot on the wheelchair first moves its hand in front of the person's wrist and
+    rotates it there. A robot on the floor does not: its thicker arm would touch the person, see ``memory_expert``. If
+    links press on the person, the arm withdraws.
     """
     out_w, _ = expert.skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
     return blended_target(

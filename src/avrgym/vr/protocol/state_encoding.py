@@ -121,7 +121,7 @@ def encode_row_changes(rows: IntegerArray, changes: IntegerArray) -> bytes:
 
 
 def decode_row_changes(packed: bytes, columns: int) -> tuple[IntegerArray, IntegerArray]:
-    """Decode the result of ``encode_row_changes``. Returns the indices (R,) and the changes (R, columns) of rows.
+    """Decode the result of ``encode_row_changes``. Returns the row indices (R,) and the changes (R, columns).
 
     Raises:
         ValueError: for incomplete data.

@@ -49,7 +49,7 @@ CLOSE_ALL_TIMEOUT_S = 1.0
 
 
 class ConnectionEnd(Exception):
-    """The connection closes, and all waiting messages are sent. ``close_code`` is the WebSocket's closing code."""
+    """Raised after all queued messages are sent and the connection closes. ``close_code``: WebSocket close code."""
 
     def __init__(self, reason: str, code: int) -> None:
         super().__init__(reason)
@@ -164,7 +164,7 @@ class Broadcast:
             time.sleep(0.01)
 
     def close_participant(self) -> None:
-        """Close the participant's connection after its waiting messages, because the link has expired."""
+        """Send the participant's queued messages, then close the connection: the link has expired."""
         self._call(self._dismiss, EXPIRED_LINK)
 
     def _dismiss(self, why: TokenRejection) -> None:

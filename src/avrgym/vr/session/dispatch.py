@@ -67,7 +67,7 @@ def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:
         case messages.Command():
             return execute_experimenter_command(phase, message.name)
         case messages.Offered() | messages.Press():
-            phase.state.participant_input.forward_selection(message, phase.state.send)
+            phase.state.participant_input.relay_selection(message, phase.state.send)
         case messages.MarkPoint():
             phase.state.mark_point(message.point)
         case messages.SceneWatched() | messages.Demonstrate():

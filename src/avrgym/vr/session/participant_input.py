@@ -28,10 +28,10 @@ class ParticipantInput:
         values["stops"] = self.profile.stop_inputs
         return messages.Input(**values)
 
-    def forward_selection(self, message: messages.Offered | messages.Press, send: SendMessage) -> None:
+    def relay_selection(self, message: messages.Offered | messages.Press, send: SendMessage) -> None:
         """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.
 
-        With other methods than ``experimenter``, only the participant selects. The experimenter then gets an error.
+        With any method except ``experimenter``, only the participant selects. The experimenter then gets an error.
         """
         if isinstance(message, messages.Offered):
             self._targets = messages.Targets(message.number, message.targets)

@@ -212,7 +212,7 @@ class SessionState:
         self.report_problem(f"the session {decision.action}s: {decision.reason}")
 
     def prevent_trials(self, decision: StopDecision) -> None:
-        """Prevent further trials, without a report."""
+        """Pause the session before the next trial, without an event or message. See ``apply_stop_rule``."""
         self.is_paused, self.pause_reason = True, decision.reason
         self.ends_by_rule = self.ends_by_rule or decision.action == "end"
 

@@ -129,10 +129,10 @@ class ArmSolver:
         mujoco.mj_comPos(self._model, data)
         mujoco.mj_jacSite(self._model, data, self._jacobian[:3], self._jacobian[3:], self._hand)
         jacobian = self._jacobian[:, _RIGHT]
-        jacobian[3:] *= ROTATION_WEIGHT_M
+        jacobian[3:] *= CHARACTERISTIC_LENGTH_M
         error = np.empty(6)
         error[:3] = hand_pos + data.xpos[self._shoulder] - data.site_xpos[self._hand]
-        error[3:] = ROTATION_WEIGHT_M * _turn(data.site_xmat[self._hand], hand_axes)
+        error[3:] = CHARACTERISTIC_LENGTH_M * _turn(data.site_xmat[self._hand], hand_axes)
         pull = error @ jacobian
         stuck = ((angles <= limits[0]) & (pull < 0.0)) | ((angles >= limits[1]) & (pull > 0.0))
         jacobian[:, stuck] = 0.0
@@ -140,7 +140,8 @@ class ArmSolver:
 
 
 LEAST_SQUARES_STEPS = 2
-ROTATION_WEIGHT_M = 0.15
+CHARACTERISTIC_LENGTH_M = 0.15
+"""Converts a rotation error (rad) to a position error (m)."""
 CLIPPING_TOLERANCE_RAD = 1e-6
 DAMPING_M = 0.02
 _DAMPING = DAMPING_M**2 * np.eye(6)

@@ -30,8 +30,8 @@ REST_RADIUS_M = 0.02
 """A hand that moves less than this is at rest."""
 CORRECTION_FADING_PER_METRE = 0.1
 """Reduction of the correction in metres per metre of the hand's motion."""
-ROTATION_WEIGHT_M = 0.15
-"""Weight of a rotation relative to a translation."""
+CHARACTERISTIC_LENGTH_M = 0.15
+"""Converts a rotation (rad) to a displacement (m)."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class GripCorrection:
     @property
     def size_m(self) -> float:
         """The size of the correction in metres, including its rotation."""
-        return max(float(np.linalg.norm(self.pos)), ROTATION_WEIGHT_M * self.angle_rad)
+        return max(float(np.linalg.norm(self.pos)), CHARACTERISTIC_LENGTH_M * self.angle_rad)
 
     @property
     def angle_rad(self) -> float:
@@ -94,7 +94,10 @@ class HandDevice:
         self._rested = np.zeros(3)
 
     def corrected_grip(self, pose: XRPose, modality: Modality, captured_s: float) -> XRPose:
-        """Returns the corrected grip for a new pose. Without a switch, a controller's pose does not change."""
+        """Returns the grip pose, corrected after a switch between controller and hand tracking.
+
+        Before the first switch, a controller's pose is returned unchanged.
+        """
         grip = grip_from_wrist(pose, self._side) if modality == "hand" else pose
         if modality != self._modality and self._followed is not None:
             self._switch(grip, self._followed, captured_s - self._seen_s)
