@@ -115,6 +115,21 @@ def test_a_resumed_training_ends_with_the_same_bits(last, how, imitated, tmp_pat
         train(configuration, cut)
 
 
+@pytest.mark.slow
+def test_training_resumes_without_the_original_people_file(tmp_path):
+    people = tmp_path / "people.toml"
+    people.write_text("cooperating = false\n[torso_height_m]\nman = [0.51, 0.52]\nwoman = [0.51, 0.52]\n")
+
+    def stop(progress):
+        raise Interrupted
+
+    with pytest.raises(Interrupted):
+        train(replace(TINY, people=str(people)), tmp_path / "run", stop)
+    people.unlink()
+    resume(tmp_path / "run")
+    assert (tmp_path / "run" / "policy.safetensors").exists()
+
+
 def test_ppo_progress_starts_after_imitation_and_ends_with_the_last_update():
     configuration = RecurrentConfiguration(environment=TINY.environment)
     first = configuration.imitation_updates + 1

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import BoolArray, Float32Array
-from avrgym.learning.configuration import RecurrentConfiguration
+from avrgym.learning.configuration import RecurrentConfiguration, stored_people_path
 from avrgym.learning.hyperparameters import RECURRENT_HYPERPARAMETERS, hyperparameters_of
 from avrgym.learning.imitation import Demonstration, Demonstrations
 from avrgym.learning.normaliser import Normaliser, observation_of
@@ -99,6 +99,7 @@ class RecurrentRecipe:
     """The recipe ``adaptive``, see ``recipe.Recipe``."""
 
     def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
+        self._people = stored_people_path(configuration.people, out)
         self._configuration = configuration
         self._teacher = None if configuration.teacher is None else Policy.load(out / TEACHER_FILE)
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_POLICY_FILE)
@@ -175,7 +176,7 @@ class RecurrentRecipe:
         expert_drives = random.random(configuration.num_envs) < RECURRENT_HYPERPARAMETERS.expert_share**number
         turn, still = divmod(number, 2)
         impairment = ASSISTIVE_GYM_IMPAIRMENTS[turn % len(ASSISTIVE_GYM_IMPAIRMENTS)]
-        partner = STATIONARY_PARTNER if still else (configuration.people, impairment)
+        partner = STATIONARY_PARTNER if still else (self._people, impairment)
         request = RolloutRequest(
             self._settings(*partner),
             0,
@@ -200,7 +201,7 @@ class RecurrentRecipe:
         action_std = float(np.exp(np.interp(progress, (0.0, 1.0), RECURRENT_HYPERPARAMETERS.log_std)))
         policy, seeds = self._policy(action_std), self._episode_seeds(number)
         partners = [
-            *((configuration.people, impairment) for impairment in ASSISTIVE_GYM_IMPAIRMENTS),
+            *((self._people, impairment) for impairment in ASSISTIVE_GYM_IMPAIRMENTS),
             STATIONARY_PARTNER,
         ]
         parts = np.array_split(np.arange(configuration.num_envs), len(partners))

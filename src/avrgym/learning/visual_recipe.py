@@ -21,7 +21,7 @@ from torch.nn.functional import mse_loss, smooth_l1_loss
 from torch.optim.lr_scheduler import ExponentialLR
 
 from avrgym.array_types import Float32Array, FloatArray, NumpyArray
-from avrgym.learning.configuration import VisualConfiguration
+from avrgym.learning.configuration import VisualConfiguration, stored_people_path
 from avrgym.learning.hyperparameters import VISUAL_HYPERPARAMETERS
 from avrgym.learning.imitation import Demonstration, Demonstrations
 from avrgym.learning.recipe import UpdateResults
@@ -85,6 +85,7 @@ class VisualRecipe:
     """The recipe ``visual``, see ``recipe.Recipe``."""
 
     def __init__(self, configuration: VisualConfiguration, out: Path) -> None:
+        self._people = stored_people_path(configuration.people, out)
         self._configuration = configuration
         self._teacher = Policy.load(out / TEACHER_FILE)
         self._cameras = (camera_of(configuration),)
@@ -177,7 +178,7 @@ class VisualRecipe:
             self._worlds = Episodes(
                 configuration.environment,
                 configuration.num_envs,
-                people=configuration.people,
+                people=self._people,
                 num_threads=configuration.threads,
                 force_guard=configuration.force_guard,
                 settings=configuration.settings,

@@ -63,8 +63,6 @@ PhaseAfterEntering = HeadsetCheckStart | Calibration | LoadingCalibration | Phas
 """Phases that may follow when the participant enters VR."""
 PhaseAfterLeaving = WaitingForParticipant | PhaseAtSessionEnd
 """Phases that may follow when the participant leaves VR."""
-AfterRecalibration = Calibration | LoadingCalibration | PhaseAtSessionEnd
-"""Phases that may follow a request for a new calibration."""
 PhaseAfterLoading = PhaseAtTrialStart | BodyCheck
 """Phases that may follow when the client shows a new world."""
 
