@@ -70,7 +70,11 @@ export function drivingText(status: Status): string {
   return status.idle ? "The robot holds still." : "You drive the robot.";
 }
 
-/** Manual control of the robot by the experimenter or the demonstrator: keys and gamepad move its hand while an enabling key is pressed. */
+/**
+ * Manual control of the robot by the experimenter or the demonstrator.
+ *
+ * Keys and gamepad move its hand while an enabling key is pressed.
+ */
 export class OperatorControl {
   private readonly held = new Set<string>();
   private operated = false;

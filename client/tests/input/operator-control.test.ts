@@ -15,12 +15,12 @@ function pad(axes: number[], held: Record<number, number>): Pick<Gamepad, "axes"
 describe("the operator's keys", () => {
   it("move nothing without the dead-man's key", () => {
     expect(keyboardCommand(new Set(["KeyW"])).engaged).toBe(false);
-    expect(keyboardCommand(new Set(["Space"]))).toEqual({ type: "drive", engaged: true, linear: still, angular: still });
+    expect(keyboardCommand(new Set(["Space"]))).toEqual({ type: "drive", engaged: true, linear: still, angular: still, source: "operator" });
   });
 
   it("add up, and opposite ones cancel out", () => {
     const wish = keyboardCommand(new Set(["Space", "KeyW", "KeyA", "KeyE", "KeyQ", "ArrowRight", "KeyP"]));
-    expect(wish).toEqual({ type: "drive", engaged: true, linear: [1, 1, 0], angular: [0, 0, -1] });
+    expect(wish).toEqual({ type: "drive", engaged: true, linear: [1, 1, 0], angular: [0, 0, -1], source: "operator" });
   });
 });
 
