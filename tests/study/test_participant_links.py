@@ -35,8 +35,8 @@ from avrgym.vr.server.session_links import (
     CodeError,
     SessionLinks,
     TooManyWrongCodesError,
-    link_sha256,
     new_link,
+    token_sha256,
 )
 from helpers.studies.small_studies import eligible_answers, enrol_with_consent, make_study
 from helpers.vr.received_states import decode_message
@@ -230,7 +230,7 @@ def test_only_checksums_of_links_are_stored(store: Store, tmp_path: Path) -> Non
         assert len(link) >= 22
     files = [path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()]
     assert not any(link.encode() in data for data in files)
-    assert any(link_sha256(link).encode() in data for data in files)
+    assert any(token_sha256(link).encode() in data for data in files)
     with serving(store, tmp_path) as served:
         served.sessions.begin(german)
         assert refused(served, link) == (4410, "de")

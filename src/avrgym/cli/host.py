@@ -40,11 +40,11 @@ def host(
     sessions: Annotated[
         int | None,
         typer.Option(
-            help="Maximum number of sessions at once; by default, what this computer can run.", min=1
+            help="Maximum number of concurrent sessions; by default, what this computer can run.", min=1
         ),
     ] = None,
 ) -> None:
-    """Host a study for participants at home: many sessions at once.
+    """Host a study for participants at home: concurrent sessions.
 
     Participants open the links of `study invite`. The file host.toml in the study's folder sets codes and time limits.
     """

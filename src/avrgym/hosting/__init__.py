@@ -1,4 +1,4 @@
-"""Host a study for participants at home: many sessions at once, with one public address.
+"""Host a study for participants at home: many concurrent sessions, with one public address.
 
 The host is one process. It has two web servers: a public one for participants, and one on another port for
 experimenters. Each session runs in its own process (``session_process``), with the same server and the same session as

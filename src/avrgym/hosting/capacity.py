@@ -79,7 +79,7 @@ class Capacity:
 
     @property
     def sessions(self) -> int:
-        """Number of sessions that can run at once; at least 1."""
+        """Number of sessions that can run concurrently; at least 1."""
         measured = max(1, int(MAX_LOAD * self._cores / max(self.cpu_share, 0.01)))
         return measured if self._max_sessions is None else min(measured, self._max_sessions)
 

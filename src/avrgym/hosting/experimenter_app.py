@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
@@ -27,7 +26,7 @@ from avrgym.vr.headset_check import MAX_LATENCY_MS
 from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware
 from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
-from avrgym.vr.server.web_server import STATIC_FOLDER
+from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
 COMMANDS: tuple[CommandName, ...] = ("stop", "pause", "continue", "end")
@@ -111,17 +110,10 @@ def experimenter_app(
         app.post(f"/api/sessions/{{session_id}}/{name}")(endpoint(name))
     app.mount("/study", dashboard_app(store, tokens))
     for path, file in (("/", "host.html"), ("/dashboard", "dashboard.html")):
-        app.get(path)(_page(file))
+        app.get(path)(page_endpoint(file))
     add_session_pages(app, pool, "spectator")
     app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
-
-
-def _page(name: str) -> Callable[[], Awaitable[FileResponse]]:
-    async def page() -> FileResponse:
-        return FileResponse(STATIC_FOLDER / name)
-
-    return page
 
 
 def sessions_view(store: Store, pool: SessionPool, door: Door) -> dict[str, Any]:

@@ -1,16 +1,14 @@
 """Short codes with which participants open their own page on a headset, which has no keyboard.
 
-A code has eight digits, and is valid once and for some minutes. With 100 codes at once and 60 wrong codes per minute
+A code has eight digits, and is valid once and for some minutes. With 100 valid codes and 60 wrong codes per minute
 for all addresses together, a guess succeeds after 8 days on average; each address may try far less.
 """
 
-import secrets
 import threading
 import time
-from collections import deque
 from collections.abc import Callable
 
-from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
+from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError, WrongCodeLimit, random_digits
 
 CODE_DIGITS = 8
 CODE_VALID_S = 300.0
@@ -23,7 +21,7 @@ class HeadsetCodes:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._codes: dict[str, tuple[str, float]] = {}
-        self._wrong_s: deque[float] = deque(maxlen=MAX_WRONG_CODES_PER_MINUTE)
+        self._wrong_codes = WrongCodeLimit(MAX_WRONG_CODES_PER_MINUTE, 60.0)
         self._lock = threading.Lock()
 
     def new(self, token: str) -> str:
@@ -35,9 +33,9 @@ class HeadsetCodes:
                 for code, (other, until_s) in self._codes.items()
                 if until_s > now_s and other != token
             }
-            code = _new_digits()
+            code = random_digits(CODE_DIGITS)
             while code in self._codes:
-                code = _new_digits()
+                code = random_digits(CODE_DIGITS)
             self._codes[code] = token, now_s + CODE_VALID_S
             return code
 
@@ -45,19 +43,15 @@ class HeadsetCodes:
         """Returns the token of a code. The code cannot be used again.
 
         Raises:
-            TooManyCodesError: if too many wrong codes were entered recently.
+            TooManyWrongCodesError: if too many wrong codes were entered recently.
             CodeError: for a code that is wrong, used or expired.
         """
         with self._lock:
             now_s = self._clock()
-            if len(self._wrong_s) == MAX_WRONG_CODES_PER_MINUTE and now_s - self._wrong_s[0] < 60.0:
+            if self._wrong_codes.is_reached(now_s):
                 raise TooManyWrongCodesError("too many wrong codes; wait a minute, or open your link")
             token, until_s = self._codes.pop(digits, ("", 0.0))
             if token and until_s > now_s:
                 return token
-            self._wrong_s.append(now_s)
+            self._wrong_codes.count(now_s)
         raise CodeError("this code is wrong, used or expired; your page shows the current one")
-
-
-def _new_digits() -> str:
-    return f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}}"

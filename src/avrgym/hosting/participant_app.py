@@ -12,7 +12,6 @@ from typing import Annotated, Any, Self
 import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
@@ -57,7 +56,7 @@ from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT, AuthenticatedClient, Tokens
 from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
-from avrgym.vr.server.web_server import STATIC_FOLDER
+from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
 BURST_PER_ADDRESS, REQUESTS_PER_MINUTE = 30, 30.0
@@ -331,9 +330,9 @@ def participant_app(
     for name, (kind, act) in ACTIONS.items():
         app.post(f"/api/{name}")(_endpoint(own, participant, kind, act))
     add_session_pages(app, own.pool)
-    app.get("/")(_page("participate.html"))
+    app.get("/")(page_endpoint("participate.html"))
     app.mount("/assets", StaticFiles(directory=STATIC_FOLDER / "assets"))
-    app.get("/favicon.svg")(_page("favicon.svg"))
+    app.get("/favicon.svg")(page_endpoint("favicon.svg"))
     app.get("/api/settings")(lambda: json_response(msgspec.to_builtins(own.settings.parameters)))
     return app
 
@@ -366,10 +365,3 @@ def _endpoint(
         return Response(status_code=204)
 
     return endpoint
-
-
-def _page(name: str) -> Callable[[], Awaitable[FileResponse]]:
-    async def page() -> FileResponse:
-        return FileResponse(STATIC_FOLDER / name)
-
-    return page

@@ -16,7 +16,7 @@ class RateLimits:
     """Token buckets by key. Thread-safe."""
 
     def __init__(self, burst: int, per_minute: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """``burst``: maximum number of requests at once. ``per_minute``: maximum rate after it."""
+        """``burst``: maximum number of requests without a pause. ``per_minute``: maximum rate after it."""
         self._burst, self._per_s, self._clock = float(burst), per_minute / 60.0, clock
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._lock = threading.Lock()

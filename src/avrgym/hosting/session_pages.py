@@ -7,7 +7,7 @@ from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse
 
 from avrgym.hosting.session_pool import SessionPool
-from avrgym.vr.server.web_server import STATIC_FOLDER
+from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
 PAGE = "index.html"
 SESSION_TIMEOUT_S = 30.0
@@ -25,9 +25,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
             raise HTTPException(404, "this session does not run")
         return session.port
 
-    @app.get(f"/session/{{session_id}}/{path}")
-    async def session_page(session_id: str) -> FileResponse:
-        return FileResponse(STATIC_FOLDER / PAGE)  # for an ended session, it shows that the link has ended
+    app.get(f"/session/{{session_id}}/{path}")(page_endpoint(PAGE))  # it reports links of ended sessions
 
     @app.get("/session/{session_id}/assets/{name}")
     async def session_file(session_id: str, name: str) -> Response:
@@ -35,9 +33,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
             raise HTTPException(404, "no such file")
         return FileResponse(STATIC_FOLDER / "assets" / name)
 
-    @app.get("/session/{session_id}/favicon.svg")
-    async def session_icon(session_id: str) -> FileResponse:
-        return FileResponse(STATIC_FOLDER / "favicon.svg")
+    app.get("/session/{session_id}/favicon.svg")(page_endpoint("favicon.svg"))
 
     @app.get("/session/{session_id}/scenes/{name}")
     def scene(session_id: str, name: str, request: Request) -> Response:

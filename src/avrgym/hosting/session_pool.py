@@ -207,7 +207,7 @@ class SessionPool:
                 sentinels = [each.process.sentinel for each in self._sessions.values()]
             if sentinels:
                 wait([*pipes, *sentinels], STEP_S)
-                time.sleep(STEP_S / 4.0)  # several reports at once
+                time.sleep(STEP_S / 4.0)  # several reports arrive together
             else:
                 self._closed.wait(STEP_S)
             with self._lock:

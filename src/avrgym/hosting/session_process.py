@@ -87,7 +87,7 @@ FromSession = Report | Ended | str
 """A text is the error that prevents the start of the session."""
 
 
-class Observation:
+class ReportCollector:
     """Collects the state of a session from its messages to clients."""
 
     def __init__(self) -> None:
@@ -133,7 +133,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
     """Run a session until it has ended. An error before the start is sent through the pipe as text."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host receives the signals of the terminal
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    observation, links = Observation(), SessionLinks()
+    collector, links = ReportCollector(), SessionLinks()
     try:
         with (
             Store(request.folder) as store,
@@ -143,7 +143,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
             LiveServer(
                 lambda send: StudySessions(
                     store,
-                    observation.wrap(send),
+                    collector.wrap(send),
                     workers,
                     first=request.pseudonym,
                     first_link=request.link,
@@ -158,7 +158,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
                 links=links,
             ) as server,
         ):
-            _watch(server, store, observation, pipe)
+            _watch(server, store, collector, pipe)
     except (RuntimeError, ValueError, OSError) as error:
         if isinstance(error, BrokenPipeError):  # the host has ended
             return
@@ -167,12 +167,12 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
 
 
 def _watch(
-    server: LiveServer[StudySessions], store: Store, observation: Observation, pipe: Connection
+    server: LiveServer[StudySessions], store: Store, collector: ReportCollector, pipe: Connection
 ) -> None:
     """Report the session's state and pass commands, until the session or the host has ended."""
     began_s = reported_s = time.monotonic()
     used_s = time.process_time()
-    pipe.send(replace(observation.latest, port=server.port))
+    pipe.send(replace(collector.latest, port=server.port))
     session_id = store.sessions(server.session.participant or "")[-1].id
     while server.loop.error is None:
         if pipe.poll(POLL_INTERVAL_S):
@@ -189,7 +189,7 @@ def _watch(
             before_s, used_s = used_s, time.process_time()
             pipe.send(
                 replace(
-                    observation.latest,
+                    collector.latest,
                     port=server.port,
                     is_connected=server.has_participant,
                     seconds=now_s - began_s,

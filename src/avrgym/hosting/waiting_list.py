@@ -51,7 +51,7 @@ def estimate_wait_s(position: int, remaining_s: Sequence[float], session_s: floa
         position: number of participants before.
         remaining_s: estimated remaining time of each running session.
         session_s: estimated duration of a session.
-        sessions: number of sessions that can run at once.
+        sessions: number of sessions that can run concurrently.
     """
     ends_s = [0.0] * max(sessions - len(remaining_s), 0) + [max(each, 0.0) for each in remaining_s]
     heapq.heapify(ends_s)

@@ -6,7 +6,6 @@ The policy runs in a process of its own, see ``lerobot_worker``. LeRobot chooses
 
 import atexit
 import base64
-import hashlib
 import itertools
 import json
 import os
@@ -28,7 +27,7 @@ from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraSpec
 from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.trained import PolicyError
 from avrgym.system.type_guards import is_table
-from avrgym.system.used_plugins import UsedPlugin
+from avrgym.system.used_plugins import UsedPlugin, files_sha256
 from avrgym.tasks.observation import Observation, measured_by_robot
 
 PREFIX = "lerobot:"
@@ -74,11 +73,8 @@ def plugin_of_lerobot(name: str) -> UsedPlugin:
         *Path(name.removeprefix(PREFIX)).glob("*.json"),
         *Path(name.removeprefix(PREFIX)).glob("*.safetensors"),
     ]
-    found = hashlib.sha256()
-    for path in sorted(files):
-        data = path.read_bytes()
-        found.update(f"{path.name}\0{len(data)}\0".encode() + data)
-    return UsedPlugin("controller", name, name, sha256=found.hexdigest() if files else "")
+    sha256 = files_sha256((path.name, path) for path in files) if files else ""
+    return UsedPlugin("controller", name, name, sha256=sha256)
 
 
 def find_lerobot(

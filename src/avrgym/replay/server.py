@@ -3,7 +3,6 @@
 from functools import cache
 
 from fastapi import FastAPI, HTTPException, Request, Response
-from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
@@ -13,7 +12,13 @@ from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.authentication import SameOriginMiddleware, Tokens
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.request_body import json_response
-from avrgym.vr.server.web_server import STATIC_FOLDER, WebServer, check_client_page, open_listener
+from avrgym.vr.server.web_server import (
+    STATIC_FOLDER,
+    WebServer,
+    check_client_page,
+    open_listener,
+    page_endpoint,
+)
 
 
 def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, tokens: Tokens) -> FastAPI:
@@ -45,10 +50,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
         check(request)
         return Response(rendered(), media_type="model/gltf-binary")
 
-    @app.get("/replay")
-    async def page() -> FileResponse:
-        return FileResponse(STATIC_FOLDER / "replay.html")
-
+    app.get("/replay")(page_endpoint("replay.html"))
     app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
 

@@ -91,16 +91,19 @@ def content_sha256(module: str) -> str:
     The files are all files of the module's top-level package, or the file of a module without a package. Imported
     modules and packages in the same folder are included, unless it is a site-packages folder.
     """
-    found = hashlib.sha256()
     try:
         root = _root(module)
-        if root is None:
-            return ""
-        for name, path in sorted(_files(root)):
-            data = path.read_bytes()
-            found.update(f"{name}\0{len(data)}\0".encode() + data)
+        return "" if root is None else files_sha256(_files(root))
     except OSError:
         return ""
+
+
+def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
+    """Returns the SHA-256 of names and contents of files. Raises ``OSError`` if one cannot be read."""
+    found = hashlib.sha256()
+    for name, path in sorted(files):
+        data = path.read_bytes()
+        found.update(f"{name}\0{len(data)}\0".encode() + data)
     return found.hexdigest()
 
 

@@ -1,6 +1,5 @@
 """Experimenters with personal tokens. A token is shown once; the study stores only its checksum."""
 
-import hashlib
 import secrets
 import threading
 from contextlib import suppress
@@ -13,6 +12,7 @@ from avrgym.study.storage.rows import Experimenter
 from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_rows
+from avrgym.vr.server.session_links import token_sha256
 
 TOKEN_BYTES = 16
 TOKEN_REFRESH_INTERVAL_S = 1.0
@@ -35,7 +35,7 @@ def add_experimenter(store: Store, name: str) -> str:
             raise StudyError(
                 f"{name} has a token already; revoke it first with `avrgym study revoke-experimenter`"
             )
-        row = {"name": name, "token_sha256": _sha256(token), "created_at": utc_timestamp()}
+        row = {"name": name, "token_sha256": token_sha256(token), "created_at": utc_timestamp()}
         hash_chain.insert(connection, schema.EXPERIMENTER_TABLE, **row)
     return token
 
@@ -68,7 +68,7 @@ class ExperimenterTokens:
 
     def experimenter_name(self, token: str) -> str | None:
         """Returns the name of the experimenter with this token; ``None`` for an invalid token."""
-        return self._names.get(_sha256(token))
+        return self._names.get(token_sha256(token))
 
     def refresh(self) -> None:
         """Read the valid tokens from the database."""
@@ -88,7 +88,3 @@ class ExperimenterTokens:
         while not self._closed.wait(TOKEN_REFRESH_INTERVAL_S):
             with suppress(StudyError):  # other operations report an unreadable database
                 self.refresh()
-
-
-def _sha256(token: str) -> str:
-    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()

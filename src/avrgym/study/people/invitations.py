@@ -5,7 +5,6 @@ opens their page until the study ends. The participant's id at a recruitment ser
 file.
 """
 
-import hashlib
 import secrets
 import threading
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ from avrgym.study.storage.rows import Invitation, InvitationUse, participant_num
 from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_row, find_rows
+from avrgym.vr.server.session_links import token_sha256
 
 TOKEN_BYTES = 16
 MAX_PLACES = 1_000_000
@@ -69,11 +69,6 @@ class ServiceIds:
     participant: str = ""
     study: str = ""
     session: str = ""
-
-
-def token_sha256(token: str) -> str:
-    """Returns the checksum of a token, which is stored."""
-    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def create_invitations(

@@ -8,7 +8,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_open_session, find_rows
 from avrgym.texts.interface_texts import ENGLISH_TEXTS, InterfaceTexts
 from avrgym.vr.protocol.messages import Language
-from avrgym.vr.server.session_links import SessionLinks, link_sha256, new_link
+from avrgym.vr.server.session_links import SessionLinks, new_link, token_sha256
 
 
 def make_session_link(store: Store, session_id: int, role: str | None = None, link: str | None = None) -> str:
@@ -26,7 +26,7 @@ def make_session_link(store: Store, session_id: int, role: str | None = None, li
             schema.LINK_TABLE,
             session=session.id,
             at=utc_timestamp(),
-            sha256=link_sha256(link),
+            sha256=token_sha256(link),
             role=role,
         )
     return link

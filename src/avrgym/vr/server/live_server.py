@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Generic
 
 from fastapi import FastAPI, HTTPException, Request, Response, WebSocket
-from fastapi.responses import FileResponse
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
@@ -39,6 +38,7 @@ from avrgym.vr.server.web_server import (
     WebServer,
     check_client_page,
     open_listener,
+    page_endpoint,
 )
 
 THREAD_SWITCH_INTERVAL_S = 0.0001
@@ -100,30 +100,16 @@ def create_app(
     async def watch(socket: WebSocket) -> None:
         await serve_connection(socket, WATCHER_CHANNEL, tokens, limiter, broadcast, loop, record)
 
-    @app.get("/spectator")
-    async def spectator() -> FileResponse:
-        return FileResponse(STATIC_FOLDER / "index.html")
-
-    @app.get("/demonstrator")
-    async def demonstrator() -> FileResponse:
-        return FileResponse(STATIC_FOLDER / "demonstrator.html")
-
+    app.get("/spectator")(page_endpoint("index.html"))
+    app.get("/demonstrator")(page_endpoint("demonstrator.html"))
     add_sound_route(app, tokens, sounds)
     if links is not None:
         app.post("/link")(make_code_endpoint(links))
 
     if study is not None:
         app.mount("/study", study)
-
-        @app.get("/dashboard")
-        async def dashboard() -> FileResponse:
-            return FileResponse(STATIC_FOLDER / "dashboard.html")
-
-    if study is not None:
-
-        @app.get("/caregiver")
-        async def caregiver() -> FileResponse:
-            return FileResponse(STATIC_FOLDER / "caregiver.html")
+        app.get("/dashboard")(page_endpoint("dashboard.html"))
+        app.get("/caregiver")(page_endpoint("caregiver.html"))
 
     app.mount("/", StaticFiles(directory=STATIC_FOLDER, html=True))
     return app

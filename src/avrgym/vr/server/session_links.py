@@ -30,14 +30,35 @@ class TooManyWrongCodesError(CodeError):
     """Too many wrong codes were entered recently."""
 
 
+class WrongCodeLimit:
+    """Limits the number of wrong codes in a time window. Not thread-safe."""
+
+    def __init__(self, max_codes: int, window_s: float) -> None:
+        self._times_s: deque[float] = deque(maxlen=max_codes)
+        self._window_s = window_s
+
+    def is_reached(self, now_s: float) -> bool:
+        """Returns whether the maximum number of wrong codes was entered within the window."""
+        return len(self._times_s) == self._times_s.maxlen and now_s - self._times_s[0] < self._window_s
+
+    def count(self, now_s: float) -> None:
+        """Count a wrong code."""
+        self._times_s.append(now_s)
+
+
+def random_digits(length: int) -> str:
+    """Returns a random code of decimal digits."""
+    return f"{secrets.randbelow(10**length):0{length}}"
+
+
 def new_link() -> str:
     """Returns a new link: a random token of 128 bits."""
     return secrets.token_urlsafe(LINK_TOKEN_BYTES)
 
 
-def link_sha256(link: str) -> str:
-    """Returns the checksum of a link, which is stored."""
-    return hashlib.sha256(link.encode("utf-8", "surrogatepass")).hexdigest()
+def token_sha256(token: str) -> str:
+    """Returns the checksum of a link or another token, which is stored."""
+    return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -70,7 +91,7 @@ class SessionLinks:
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None
         self._codes: list[_Code] = []
-        self._wrong_s: deque[float] = deque(maxlen=MAX_WRONG_CODES)
+        self._wrong_codes = WrongCodeLimit(MAX_WRONG_CODES, WRONG_CODE_WINDOW_S)
         self._lock = threading.Lock()
 
     @property
@@ -81,7 +102,7 @@ class SessionLinks:
     def set_link(self, link: str, language: Language) -> None:
         """Set the link of a new session, or a new link of this session. The previous link expires."""
         self.expire_link()
-        self._open = _CurrentLink(link, link_sha256(link), language)
+        self._open = _CurrentLink(link, token_sha256(link), language)
 
     def expire_link(self) -> None:
         """Make the link of the current session expire. Its codes expire too."""
@@ -94,11 +115,11 @@ class SessionLinks:
     def is_current_link(self, token: str) -> bool:
         """Returns whether a token is the link of the current session."""
         present = self._open
-        return present is not None and secrets.compare_digest(link_sha256(token), present.sha256)
+        return present is not None and secrets.compare_digest(token_sha256(token), present.sha256)
 
     def expired_link_language(self, token: str) -> Language | None:
         """Returns the language of the participant of an expired link; ``None`` for an unknown token."""
-        return self._ended.get(link_sha256(token))
+        return self._ended.get(token_sha256(token))
 
     def current_code(self) -> str | None:
         """Returns a code that is valid for at least another ``CODE_VALID_S`` / 2; ``None`` between sessions."""
@@ -107,19 +128,19 @@ class SessionLinks:
                 return None
             self._codes = [each for each in self._codes if each.is_younger_than(CODE_VALID_S)]
             if not self._codes or not self._codes[-1].is_younger_than(CODE_VALID_S / 2):
-                self._codes.append(_Code(f"{secrets.randbelow(10**CODE_DIGITS):0{CODE_DIGITS}}"))
+                self._codes.append(_Code(random_digits(CODE_DIGITS)))
             return self._codes[-1].digits
 
     def exchange_code(self, digits: str) -> str:
         """Returns the link for a code. The code cannot be used again.
 
         Raises:
-            TooManyCodesError: if too many wrong codes were entered recently.
+            TooManyWrongCodesError: if too many wrong codes were entered recently.
             CodeError: for a code that is wrong, used or expired.
         """
         with self._lock:
             now_s = time.monotonic()
-            if len(self._wrong_s) == MAX_WRONG_CODES and now_s - self._wrong_s[0] < WRONG_CODE_WINDOW_S:
+            if self._wrong_codes.is_reached(now_s):
                 raise TooManyWrongCodesError(
                     f"{MAX_WRONG_CODES} wrong codes in {WRONG_CODE_WINDOW_S:g} s; wait, or open the link"
                 )
@@ -128,5 +149,5 @@ class SessionLinks:
                 if right and code.is_younger_than(CODE_VALID_S) and self._open is not None:
                     self._codes.remove(code)
                     return self._open.link
-            self._wrong_s.append(now_s)
+            self._wrong_codes.count(now_s)
             raise CodeError("this code is wrong, used or expired; the dashboard shows the current one")

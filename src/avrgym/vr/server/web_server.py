@@ -4,12 +4,13 @@ import asyncio
 import logging
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, cast
 
 import uvicorn
 from fastapi import FastAPI
+from fastapi.responses import FileResponse
 from starlette.types import ASGIApp
 
 from avrgym.vr.server.addresses import LOOPBACK_HOSTS
@@ -52,6 +53,15 @@ def check_client_page(name: str) -> None:
     """Raise ``ServerError`` if a page of the client is not built."""
     if not (STATIC_FOLDER / name).exists():
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
+
+
+def page_endpoint(name: str) -> Callable[[], Awaitable[FileResponse]]:
+    """Returns the endpoint of a file of the built client."""
+
+    async def page() -> FileResponse:
+        return FileResponse(STATIC_FOLDER / name)
+
+    return page
 
 
 def open_listener(
