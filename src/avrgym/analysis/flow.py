@@ -32,7 +32,7 @@ class ParticipantFlow:
         simulated: whether the numbers are of simulated participants.
         enrolled: enrolled participants, including deleted participants.
         deleted: participants with deleted data.
-        no_consent: enrolled participants without consent so far.
+        without_consent: enrolled participants without consent so far.
         excluded: participants excluded by inclusion questions.
         withdrew_before_allocation: withdrawals before a trial order was allocated.
         consent_unknown: participants with lost consent records (the database was lost).
@@ -43,15 +43,15 @@ class ParticipantFlow:
         unfinished: allocated participants who have not completed the study.
         completed: participants who completed the study.
         analysed: participants with analysed trials or answers.
-        orders: number of participants by trial order (from 1).
-        consents: number of participants by the latest accepted version of the consent text.
+        participants_by_order: number of participants by trial order (from 1).
+        participants_by_consent_version: number of participants by the latest accepted version of the consent text.
         reconsented: participants who gave consent again.
         declined: participants who declined consent.
-        first_day, last_day: days of the first and last session (ISO 8601).
+        first_session_day, last_session_day: days of the first and last session (ISO 8601).
         analysed_unfinished: analysed participants who have not completed the study.
         completed_without_data: participants who completed the study, but have no analysed trial or answer.
-        exclusion_answers: number of exclusions by answer to an inclusion question.
-        withdrawal_reasons_before_allocation, withdrawal_reasons: number of withdrawals by reason.
+        exclusions_by_answer: number of exclusions by answer to an inclusion question.
+        early_withdrawals_by_reason, withdrawals_by_reason: number of withdrawals by reason.
     """
 
     simulated: bool

@@ -91,31 +91,31 @@ class StudyAnalysis:
 
     Attributes:
         design: the current design with all answered items.
-        plan: the frozen plan; ``None`` if there is none.
-        differences: differences between the recorded designs and the current design.
+        frozen_plan: the frozen plan; ``None`` if there is none.
+        design_differences: differences between the recorded designs and the current design.
         session_designs: the recorded designs of the participants.
-        items: versions of answered items.
-        observed: the data of the study.
+        item_versions: versions of answered items.
+        study_data: the data of the study.
         flows: number of participants at each step: of people, then of simulated participants.
-        headsets: headset checks of sessions.
+        headset_checks: headset checks of sessions.
         sessions: day, trials and time in VR of each session.
-        groups: analysed trials with recorded body posture: of people, then of simulated participants.
-        people: people sampled from the training populations.
-        objective: reward and success of each condition.
-        subjective: summaries of answers after trials.
+        body_trials: analysed trials with recorded body posture: of people, then of simulated participants.
+        training_people: people sampled from the training populations.
+        objective_outcomes: reward and success of each condition.
+        answer_summaries: summaries of answers after trials.
         session_answers: summaries of answers before and after sessions, after breaks, and of caregivers.
-        likert: frequency of each value of each item.
+        answer_frequencies: frequency of each value of each item.
         score_summaries: summaries of questionnaire scores.
         families: tests by family.
         models: effects in regression models.
-        biomechanics, ranges: distributions and ranges of body measures.
+        biomechanics, measure_ranges: distributions and ranges of body measures.
         site_outcomes, site_effects: results of each site; empty for a single site.
-        latency: latency from pose to displayed frame.
+        latency_summaries: latency from pose to displayed frame.
         rebuilt_at: time of the rebuild of the database; ``None`` if it was not rebuilt.
-        log: summary of the access log.
+        access_log: summary of the access log.
         adverse_events: reports of adverse events.
         functioning: numbers of answers about functioning.
-        losses: consequences of a lost database.
+        data_losses: consequences of a lost database.
         repeats: repeated trials by condition.
         repeat_findings: results of the tests of repeats.
         repeats_of_simulated: ``repeat_findings`` are about simulated participants, otherwise about people.

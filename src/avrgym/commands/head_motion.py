@@ -3,7 +3,7 @@
 People signal "yes" and "no" with symmetric, cyclic head movements; other head movements in conversations are mostly
 linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a number of swings in alternating directions
 about the lateral axis of the head. A shake is the same about its vertical axis. Thresholds are in
-``commands.preferences.Thresholds``; ``research/head_gestures.py`` measures false alarms and misses.
+``commands.preferences.GestureThresholds``; ``research/head_gestures.py`` measures false alarms and misses.
 
 - A turn of the head is a single swing. The turn back is another swing.
 - Swings about the other axes must be at most half as large. A person that looks around turns about several axes.

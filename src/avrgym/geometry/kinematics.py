@@ -38,11 +38,12 @@ class Chain:
     """A kinematic chain of J hinges and slides from a base frame to a tip frame.
 
     Attributes:
-        pos, q: pose of each joint's body in the frame of the previous body at joint position zero, (J, 3) and (J, 4).
-        axis: joint axes in the frame of their bodies (J, 3).
+        body_pos, body_q: pose of each joint's body in the frame of the previous body at joint position zero, (J, 3)
+            and (J, 4).
+        joint_axis: joint axes in the frame of their bodies (J, 3).
         tip_pos, tip_q: pose of the tip in the frame of the last body, (3,) and (4,).
-        lower, upper: joint ranges (J,), infinite for continuous joints.
-        slides: indices of the joints that are slides.
+        lower_limit, upper_limit: joint ranges (J,), infinite for continuous joints.
+        slide_joints: indices of the joints that are slides.
     """
 
     body_pos: FloatArray

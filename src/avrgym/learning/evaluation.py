@@ -165,7 +165,7 @@ def evaluate_all(
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
-        policy: a name or path that ``policies.registry.find`` accepts; not ``operator``.
+        policy: a name or path that ``policies.registry.resolve_policy`` accepts; not ``operator``.
         people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder of
             trained humans.
         episodes: number per environment, 1 or more.

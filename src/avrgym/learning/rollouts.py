@@ -58,11 +58,11 @@ class RolloutRequest:
         episode_seeds: seeds of the episodes, (n,).
         noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These
             and the number of the world are the seed of the exploration noise. ``None``: no noise.
-        expert_drives: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the expert's
-            actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
+        expert_controlled: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the
+            expert's actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
-        rewarded_force_n: force limit in newtons. A reward for force does not increase above this limit.
+        max_rewarded_force_n: force limit in newtons. A reward for force does not increase above this limit.
         overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
             penalty increases linearly from half the limit. Only on the host.
         detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
@@ -141,7 +141,7 @@ def roll_out_agents(policies: Sequence[Policy], request: RolloutRequest) -> list
     ``policies`` contains the robot's policy and, for a trained human, the human's policy.
 
     Raises:
-        RuntimeError, ValueError: for invalid episodes on a device, see ``Episodes.check``.
+        RuntimeError, ValueError: for invalid episodes on a device, see ``Episodes.check_device_results``.
     """
     count = len(request.episode_seeds)
     by_region = request.overload_weight > 0.0

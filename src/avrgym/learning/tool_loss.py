@@ -53,8 +53,8 @@ class ToolMotion:
 def tool_motion_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
     """Returns the mean squared error of the tool's motion and of the actions, weighted by ``HALF_WEIGHT_MOTION``.
 
-    ``actions`` and ``demonstrated`` actions are (..., A). ``scaled_action_jacobian`` (..., 6, A) is from
-    ``ToolMotion``.
+    ``actions`` and ``demonstrated`` actions are (..., A). ``motion_per_action`` (..., 6, A) is from
+    ``ToolMotion.scaled_action_jacobian``.
     """
     error = actions - demonstrated
     motion, motion_error = ((motion_per_action @ each[..., None])[..., 0] for each in (demonstrated, error))

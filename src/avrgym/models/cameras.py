@@ -31,7 +31,7 @@ SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "fu
 STATE_ENTRY, COMMAND_ENTRY = "state", "command"
 """Names of the entries without images in dictionary observations."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
-"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.entries``."""
+"""An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.image_entries``."""
 SCENE_CAMERA_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``."""
 WRIST_CAMERA_FOVY_DEG = 58.0

@@ -28,7 +28,7 @@ class Cloth:
         thickness_m: thickness of the shell; its bending stiffness is proportional to the cube.
         young_modulus_pa, poisson_ratio: elastic constants of the material.
         damping_s: Rayleigh damping, in seconds.
-        radius_m: distance from the triangles at which contacts begin.
+        contact_radius_m: distance from the triangles at which contacts begin.
         friction: sliding friction on skin.
         rgb: colour.
     """

@@ -13,7 +13,7 @@ have 0.5 J (Jaco) or 1.1 J (PR2). - Motors can accelerate bodies into the person
 one or two steps, this adds the force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
 
 The sum of forces grows with the number of contact points. One collision shape therefore replaces the thin walls of a
-tool, see ``tools.Hull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
+tool, see ``tools.CollisionHull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.
 """
 
 from dataclasses import dataclass

@@ -42,7 +42,7 @@ class SceneConfig:
         checks_reach: whether initial states are resampled if they are out of the arm's reach.
         body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
         self_collision: whether the robot's links collide with each other.
-        frame: frame in which mount and posture are given. Furniture is always in the world frame.
+        task_frame: frame in which mount and posture are given. Furniture is always in the world frame.
         task_scene: the same scene in the task's frame, if this frame differs from the world frame.
     """
 

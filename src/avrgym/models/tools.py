@@ -61,9 +61,9 @@ class Tool:
         build: adds the tool to a body of a model. The last argument: whether to add visual geoms.
         grip_pos: point that the hand holds (3,), tool's frame, metres.
         particles: food or water on the tool.
-        pad: name of the body in contact with people, if it moves relative to the tool.
+        contact_body: name of the body in contact with people, if it moves relative to the tool.
         hull: collision shape that replaces thin walls.
-        outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
+        mouth_part_outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
         cloth: cloth that is attached to the tool.
         grip: name of another tool with the same handle. Robots use the grip of that tool. ``None``: an own grip.
         mirror_axis: normal of the tool's plane of symmetry, 0 to 2 for x to z.

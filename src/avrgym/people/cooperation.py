@@ -90,14 +90,14 @@ class CooperationState:
 
     Attributes:
         tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
-        targets_rad: joint targets without rhythmic motion (N, 20).
-        rest_rad: initial joint angles (N, 20).
+        joint_targets_rad: joint targets without rhythmic motion (N, 20).
+        initial_angles_rad: initial joint angles (N, 20).
         time_s: time since the start of the episode (N,); used by version 1 of the motion only.
-        reaction_steps: reaction delay in control steps (N,).
+        reaction_delay_steps: reaction delay in control steps (N,).
         facing_share: executed share (N,) of the head rotation that is needed to face the tool.
-        sway_rad: sway amplitude (N,).
+        sway_amplitude_rad: sway amplitude (N,).
         sway_hz: sway frequency (N,).
-        phase_rad: sway phases (N, 2).
+        sway_phase_rad: sway phases (N, 2).
     """
 
     tool_history_w: FloatArray

@@ -46,12 +46,12 @@ class MotorSigns:
         mobility: executed share of the commanded displacement from the initial pose (N, 20).
         torque_share: see ``People`` (N, 20, 2).
         damping_n_m_s: see ``People`` (N, 20).
-        speed_rad_s: maximum speed of the executed motion (N, 20).
+        max_speed_rad_s: maximum speed of the executed motion (N, 20).
         damping_ratio: damping ratio (N, 20). Below 1, the joint overshoots as a second-order system.
         intention_tremor_rad: largest amplitude of the intention tremor (N, 20).
         dyskinesia_rad: largest involuntary displacement (N, 20).
         tremor_hz: frequency of the intention tremor (N,).
-        phase: phases of tremor and dyskinesia, 0 to 1 (N, 20).
+        oscillation_phase: phases of tremor and dyskinesia, 0 to 1 (N, 20).
     """
 
     mobility: FloatArray
@@ -70,10 +70,10 @@ class ImpairedMotionState:
     """State of the impaired motion of N people.
 
     Attributes:
-        executed_rad: executed joint angles without tremor and dyskinesia (N, 20).
+        executed_angles_rad: executed joint angles without tremor and dyskinesia (N, 20).
         speed_rad_s: speeds of these angles (N, 20).
-        goal_rad: the previous goal angles (N, 20).
-        effort_rad: distance that the goal angles moved during about the last second (N, 20).
+        goal_angles_rad: the previous goal angles (N, 20).
+        recent_goal_motion_rad: distance that the goal angles moved during about the last second (N, 20).
         time_s: time since the start of the episode (N,).
     """
 

@@ -133,8 +133,8 @@ class MotorState:
         filter_gain: share of the remaining distance that a filter covers in 10 ms (N, 20).
         speed_factor: speed and acceleration relative to the limits (N,).
         noise_phase_rad: phases of the noise (N, 3).
-        wave_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of rhythmic
-            motion.
+        wave_amplitude_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of
+            rhythmic motion.
         time_s: time since the start of the episode (N,).
     """
 

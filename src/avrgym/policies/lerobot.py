@@ -42,8 +42,8 @@ CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
 def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
     """Divide observations (..., O) into LeRobot's features, by their names.
 
-    ``observation.state`` contains the entries that the robot measures itself, ``observation.environment_state`` the
-    others, both in the order of the observation.
+    ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` the others, both in the
+    order of the observation.
     """
     measured = measured_by_robot(observation)
     parts = {STATE: values[..., measured], ENVIRONMENT_STATE: values[..., ~measured]}

@@ -44,7 +44,7 @@ class Recording:
         messages: all messages (topic, log_time_ns, record), in the order in which they were written.
         complete: whether the recording has an outcome and no data are missing.
         began_at: start of the trial, UTC.
-        robot_finished: the outcome at the end of the last control step; ``None`` if the robot did not finish.
+        robot_outcome: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """
 
     configuration: TrialConfiguration

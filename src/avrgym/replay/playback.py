@@ -59,7 +59,7 @@ class Playback:
         recording: the recording.
         episodes: the world, in the current state of ``recompute``.
         phase: the current phase of the session.
-        driven: whether a driver (policy or operator) controlled the robot in the last physics step.
+        robot_driven: whether a driver (policy or operator) controlled the robot in the last physics step.
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:

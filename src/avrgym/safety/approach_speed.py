@@ -26,9 +26,9 @@ class ApproachSpeedMonitor(PerWorldState):
     Attributes:
         person_too_fast: whether a body region approaches the tool too fast by its own motion.
         closing_too_fast: whether a gap closes too fast by the motion of person and tool together.
-        region: index in ``BODY_REGIONS`` of the region with the highest approach speed, relative to its limit.
-        speed_m_s: the approach speed of this region.
-        allowed_m_s: the speed limit (R,) of each region.
+        fastest_region: index in ``BODY_REGIONS`` of the region with the highest approach speed, relative to its limit.
+        approach_speed_m_s: the approach speed of this region.
+        allowed_speed_m_s: the speed limit (R,) of each region.
     """
 
     STATE_FIELDS = (

@@ -37,9 +37,9 @@ class ForceGuard(PerWorldState):
 
     Attributes:
         executed_action: the actions (N, A) that the arms execute.
-        retracting: boolean mask (N,): arms that move back along their path.
-        holding: boolean mask (N,): arms that the guard stops.
-        interventions: number (N,) of interventions of both kinds in the episode.
+        retracting_mask: boolean mask (N,): arms that move back along their path.
+        stopped_mask: boolean mask (N,): arms that the guard stops.
+        num_interventions: number (N,) of interventions of both kinds in the episode.
     """
 
     STATE_FIELDS = (

@@ -45,8 +45,8 @@ class SmallGaps(NamedTuple):
 
     Attributes:
         gap_m: gaps (L,), negative if the geoms overlap.
-        away_w: unit vectors (L, 3) towards the arm, world frame.
-        rows: matrix (L, J) that maps joint speeds to the opening speeds of the gaps.
+        direction_to_arm_w: unit vectors (L, 3) towards the arm, world frame.
+        gap_jacobian: matrix (L, J) that maps joint speeds to the opening speeds of the gaps.
         is_hand: boolean mask (L,): gaps between the person and the hand or tool.
     """
 

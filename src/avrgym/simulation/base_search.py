@@ -47,8 +47,8 @@ class CandidateScores:
     Attributes:
         start_reached: whether the arm reaches the start pose within 5 mm and 0.05 rad.
         start_error_m: residual error in the start pose; a radian counts as 0.3 m.
-        goals_reached: number of goals that the arm reaches from the start pose.
-        isotropy: sum of the kinematic isotropy over all reached poses; 0 if the start pose is not reached.
+        num_goals_reached: number of goals that the arm reaches from the start pose.
+        isotropy_sum: sum of the kinematic isotropy over all reached poses; 0 if the start pose is not reached.
     """
 
     start_reached: BoolArray
@@ -62,10 +62,10 @@ class BaseSearchResult:
     """The best candidate of each of n worlds.
 
     Attributes:
-        index: index (n,) of the candidate.
-        base: base poses (n,).
+        candidate_index: index (n,) of the candidate.
+        base_poses: base poses (n,).
         joint_positions: joint positions (n, J) in the start pose.
-        reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a world
+        start_reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a world
             reaches it, the best candidate is the one with the smallest error.
         scores: scores (n, C) of all candidates.
     """

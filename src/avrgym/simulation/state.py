@@ -84,7 +84,7 @@ class InitialState:
         robot_q_w: quaternions (n, 4) of the robot's base.
         joint_positions: joint positions (n, J) of the arm.
         placed_pos_w: positions (n, 3) of the scene's movable furniture, by body.
-        tool_error_m: distance (n,) of the tool from its intended position, if the scene checks the reach.
+        tool_position_error_m: distance (n,) of the tool from its intended position, if the scene checks the reach.
     """
 
     people: People

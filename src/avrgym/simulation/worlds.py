@@ -283,7 +283,7 @@ class Simulation:
         """Check all steps since the last check for overflow. On a device, call this method once per episode.
 
         Raises:
-            RuntimeError: see ``Engine.check``.
+            RuntimeError: see ``Engine.check_overflow``.
         """
         self.engine.check_overflow()
 

@@ -402,7 +402,7 @@ class Episodes:
         """Check all results on a device since the last check. Call it once per episode.
 
         Raises:
-            RuntimeError: see ``Engine.check``.
+            RuntimeError: see ``Engine.check_overflow``.
             ValueError: for actions that were not finite.
         """
         self.simulation.check_overflow()
@@ -486,7 +486,7 @@ class Episodes:
     def images(
         self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None
     ) -> dict[str, NumpyArray]:
-        """Returns images (n, ...) of the present state of some or all worlds, by the names of ``CameraSpec.entries``.
+        """Returns images (n, ...) of the present state of some or all worlds, by the names of their entries.
 
         The first call compiles the models with visual geometry. Rendering changes no state.
 

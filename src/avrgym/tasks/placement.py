@@ -142,8 +142,8 @@ def find_start(
 ) -> InitialState:
     """Returns initial states of n worlds with the tool poses (n, 3) and (n, 4).
 
-    With a movable base, ``base_search`` selects the best of ``base_search.CANDIDATES`` base poses. From this pose the
-    tool should also reach the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the
+    With a movable base, ``base_search`` selects the best of ``base_search.NUM_CANDIDATES`` base poses. From this pose
+    the tool should also reach the goals, (n, G, 3) and (n, G, 4). ``uniforms`` (n, ``NUM_UNIFORMS``) determine the
     candidates. With a fixed base they determine the restarts of the inverse kinematics. A driving base is shifted by
     the first joint of ``planning_chain``.
 

@@ -22,9 +22,9 @@ class ArmCapsules:
     """Capsules of arm, hand and tool.
 
     Attributes:
-        links: kinematic chains from the robot's base to each moving body, in joint order.
-        link: index of each capsule's link (C,).
-        ends: ends of each capsule's axis in the link frame (C, 2, 3).
+        link_chains: kinematic chains from the robot's base to each moving body, in joint order.
+        link_index: index of each capsule's link (C,).
+        axis_ends: ends of each capsule's axis in the link frame (C, 2, 3).
         radius_m: radii (C,).
         is_tool: whether a capsule belongs to the tool (C,).
     """

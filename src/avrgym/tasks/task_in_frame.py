@@ -52,7 +52,7 @@ _BASE_SIGNS = np.array([1.0, -1.0, -1.0])
 
 
 def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
-    """Returns the task for a scene whose ``task_scene`` has this frame.
+    """Returns the task for a scene whose ``SceneConfig.task_scene`` has this frame.
 
     ``mirror_axis`` is the axis of the tool's frame that is normal to the tool's plane of symmetry.
     """

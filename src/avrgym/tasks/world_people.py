@@ -69,11 +69,11 @@ class WorldPeople:
     """The people of N worlds. ``people`` are their bodies, on the host.
 
     Attributes:
-        trained: the trained policies that move people, if any.
-        move: whether people move during episodes.
+        trained_humans: the trained policies that move people, if any.
+        is_moving: whether people move during episodes.
         commands: the commands of partners to the robot; ``None`` if these people give none.
-        smooth: whether their joint targets change every 10 ms.
-        glide: whether joint targets that change every 0.1 s are interpolated.
+        moves_every_physics_step: whether their joint targets change every 10 ms.
+        interpolates_targets: whether joint targets that change every 0.1 s are interpolated.
         extra_clearance_m: additional clearance that their motion needs.
     """
 

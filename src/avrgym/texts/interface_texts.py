@@ -77,7 +77,7 @@ class ParticipantText:
 
 
 class TextsFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a text file, see ``Texts``. In a study's file, all parts are optional."""
+    """Contents of a text file, see ``InterfaceTexts``. In a study's file, all parts are optional."""
 
     name: str = ""
     direction: str = ""

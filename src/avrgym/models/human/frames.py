@@ -157,7 +157,7 @@ def body_layout(
 
 
 def body_layout_of_people(people: People, posture: Posture = SEATED) -> BodyLayout:
-    """Returns the layout of ``people`` in a posture, see ``layout``."""
+    """Returns the layout of ``people`` in a posture, see ``body_layout``."""
     stature_and_bmi = people.stature_m, people.bmi_kg_m2
     return body_layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, stature_and_bmi)
 

@@ -48,12 +48,12 @@ class PartnerState:
         parameters: table (N, 23) of ``BehaviourParameters``.
         uniforms: random numbers of each person, 0 to 1 (N, 4).
         tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
-        rest_rad: initial joint angles (N, 20).
-        targets_rad: joint targets without rhythmic motion (N, 20).
-        speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
+        initial_angles_rad: initial joint angles (N, 20).
+        joint_targets_rad: joint targets without rhythmic motion (N, 20).
+        target_speed_rad_s: speeds of the targets in version 1 of the motion (N, 20).
         time_s: time since the start of the episode (N,).
-        tool_near_s: time since the tool came near; 0 if the tool is not near (N,).
-        since_startle_s: time since the latest startle (N,).
+        tool_near_duration_s: time since the tool came near; 0 if the tool is not near (N,).
+        time_since_startle_s: time since the latest startle (N,).
         startle_count: number of startles (N,).
     """
 

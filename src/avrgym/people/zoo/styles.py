@@ -175,7 +175,7 @@ PARAMETER_SOURCES: Mapping[str, str] = {
     "strength_share": "Erickson et al. 2020",
     "range_share": "Erickson et al. 2020",
 }
-"""Source of each behaviour parameter's range. ``Style.source`` contains the references."""
+"""Source of each behaviour parameter's range. ``BehaviourStyle.source`` contains the references."""
 
 COMMANDING = "commanding"
 COMMANDING_STYLE = BehaviourStyle(

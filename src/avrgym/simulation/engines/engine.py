@@ -53,7 +53,8 @@ class Engine(Protocol):
         device: the device that computes.
         batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
             states.
-        now: arrays of the current state: the arrays of ``batch``, copies on the host, or tensors on the device.
+        world_arrays: arrays of the current state: the arrays of ``batch``, copies on the host, or tensors on the
+            device.
     """
 
     name: str
@@ -104,12 +105,12 @@ def make_engine(
         model: the model of all worlds.
         num_worlds: N.
         num_threads: threads of the host; 0: one per core.
-        on_device: whether ``now`` contains PyTorch tensors on the engine's device, in single precision. A step then
-            copies nothing.
+        on_device: whether ``world_arrays`` contains PyTorch tensors on the engine's device, in single precision. A step
+            then copies nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, ``threads`` with ``on_device``, or more worlds than memory allows.
-            Also for cloth or a driving robot with ``warp``.
+        ValueError: for an unknown engine or device, the engine ``threads`` with ``on_device``, or more worlds than memory
+            allows. Also for cloth or a driving robot with ``warp``.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine_name(engine)

@@ -195,7 +195,7 @@ class WarpEngine:
             )
 
     def check_overflow(self) -> None:
-        """Check the overflow flags of all worlds, see ``Engine.check``."""
+        """Check the overflow flags of all worlds, see ``Engine.check_overflow``."""
         flags = self._data.overflow.numpy()
         kinds = [kind for kind in self._mujoco_warp.OverflowType if kind.name not in HARMLESS_OVERFLOWS]
         counts = {kind.name: int(((flags & kind.value) != 0).sum()) for kind in kinds}

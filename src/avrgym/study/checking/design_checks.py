@@ -43,7 +43,7 @@ class DesignDifference:
     """A value that differs between the current design and the design of sessions.
 
     ``place``: key path of the value. ``current_value``: value in the current design. ``session_value``: value in the
-    design of ``sessions``. A missing value is ``MISSING``.
+    design of ``sessions``. A missing value is ``MISSING_VALUE``.
     """
 
     file: str

@@ -17,7 +17,7 @@ from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
 AnswerTime = tuple[int, int, str]
-"""Time of answers: attempt id (0 without an attempt), session id, and moment (one of ``MOMENTS``)."""
+"""Time of answers: attempt id (0 without an attempt), session id, and moment (one of ``QUESTION_MOMENTS``)."""
 
 
 @dataclass(frozen=True)

@@ -151,8 +151,8 @@ def completed_attempts(store: Store) -> Iterator[ExportedAttempt]:
 class ExportedAnswer:
     """One answer with its participant, session and attempt. An answer about a whole session has no attempt.
 
-    ``stored_answer``: the answer in the database. ``moment``: one of ``MOMENTS``. ``item``: the item version that the
-    participant read.
+    ``stored_answer``: the answer in the database. ``moment``: one of ``QUESTION_MOMENTS``. ``item``: the item version
+    that the participant read.
     """
 
     participant: Participant

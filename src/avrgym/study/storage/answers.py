@@ -76,7 +76,7 @@ def change_trial_answer(store: Store, attempt_id: int, answer: Answer) -> None:
 def change_session_answer(store: Store, session_id: int, answer: Answer, when: str) -> None:
     """Replace the answer to an item about a session. An event contains the earlier value.
 
-    ``when``: the moment of the answer, one of ``MOMENTS``. Raises the errors of ``change_trial_answer``.
+    ``when``: the moment of the answer, one of ``QUESTION_MOMENTS``. Raises the errors of ``change_trial_answer``.
     """
     with store.database.write_transaction() as connection:
         session = find_open_session(connection, session_id)
@@ -89,7 +89,7 @@ def change_session_answer(store: Store, session_id: int, answer: Answer, when: s
 def record_session_answer(store: Store, session_id: int, answer: Answer, when: str | None = None) -> None:
     """Store an answer to an item before or after a session, or after a break.
 
-    ``when``: the moment, one of ``MOMENTS``; required if the item is shown at several moments.
+    ``when``: the moment, one of ``QUESTION_MOMENTS``; required if the item is shown at several moments.
 
     Raises:
         StudyError: for an invalid or second answer, or if the session is not open.
@@ -134,7 +134,7 @@ def record_caregiver_answer(store: Store, session_id: int, answer: Answer) -> No
 def answer_moments(
     design: Design, answers: Iterable[StudyAnswer], events: Iterable[StudyEvent]
 ) -> dict[int, str]:
-    """Returns the moment (one of ``MOMENTS``) of each answer, by the answer's id.
+    """Returns the moment (one of ``QUESTION_MOMENTS``) of each answer, by the answer's id.
 
     ``answers`` and ``events`` must be in the order of storage. The event of an answer about a session contains its
     moment. Studies of earlier AVR Gym versions lack these events; the design then determines the moment.

@@ -21,7 +21,7 @@ from avrgym.texts.interface_texts import InvalidTextsError, normalize_whitespace
 SentenceTranslator = Callable[[str], str]
 """Function that translates an English sentence of a design."""
 AFTER_TRIAL = "after_trial"
-"""The moment of questions about a trial, one of ``MOMENTS``."""
+"""The moment of questions about a trial, one of ``QUESTION_MOMENTS``."""
 
 
 def design_from_recording(

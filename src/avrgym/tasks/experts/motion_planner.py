@@ -39,8 +39,8 @@ class MotionPlanner:
     Attributes:
         joint_positions: planned joint positions (N, J).
         pos_w, q_w: tool pose at these positions, (N, 3) and (N, 4).
-        posture: preferred posture (N, J), initially the start positions. It determines the motion in the arm's null
-            space.
+        preferred_posture: preferred posture (N, J), initially the start positions. It determines the motion in the
+            arm's null space.
         scene: the scene of all worlds.
     """
 
@@ -173,7 +173,7 @@ class MotionPlanner:
     def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Returns the smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J).
 
-        See ``Clearance``.
+        See ``RobotClearance``.
         """
         return self._clearance.min_distance_m(
             joint_positions, state.person_segment_w, state.person_radius_m, tool=tool

@@ -90,7 +90,7 @@ class LiveLatencyResult:
 def measure_live_latency(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
     """Measures the latency in a trial of ``seconds`` in one environment. Returns the results.
 
-    ``policy``: a name as in ``policies.registry.find``; ``None``: an untrained network.
+    ``policy``: a name as in ``policies.registry.resolve_policy``; ``None``: an untrained network.
 
     Raises:
         ValueError: for an unknown environment or policy. The message lists the allowed values.

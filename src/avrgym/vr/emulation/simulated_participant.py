@@ -79,17 +79,18 @@ class ParticipantTraits:
         sway_deg: amplitude of the slow movement of the waist.
         sway_hz: frequency of this movement.
         lean_deg: forward lean at rest.
-        arm_deg: backward offset of the arms.
-        cooperation: share (0 to 1) of the way to the tool that mouth or arm moves.
-        reaction_s: delay of this movement.
+        arm_offset_deg: backward offset of the arms.
+        cooperation_share: share (0 to 1) of the way to the tool that mouth or arm moves.
+        reaction_time_s: delay of this movement.
         leniency: offset of all ratings, as a share of the scale.
-        commands: traits of the commands to the robot.
-        partner: parameters, arrays (1,), of a partner that replaces the default behaviour; ``None`` without one.
-        trained: a trained policy that replaces the default behaviour; ``None`` without one.
+        command_traits: traits of the commands to the robot.
+        partner_parameters: parameters, arrays (1,), of a partner that replaces the default behaviour; ``None`` without
+            one.
+        trained_policy: a trained policy that replaces the default behaviour; ``None`` without one.
         range_share: joint ranges, see ``People``.
         strength_share: strength, see ``People``; it scales the movement.
         tremor_rad: amplitude (20,) of the tremor, see ``People``.
-        signs: motor signs of a clinical impairment; ``None`` without one.
+        motor_signs: motor signs of a clinical impairment; ``None`` without one.
     """
 
     sex: Sex

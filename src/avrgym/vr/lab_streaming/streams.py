@@ -19,7 +19,7 @@ smaller."""
 
 
 class LabStreams:
-    """The streams of a session over Lab Streaming Layer. Implements ``session.streams.Streams``.
+    """The streams of a session over Lab Streaming Layer. Implements ``session.streams.DeviceStreams``.
 
     The session passes the start time of its tick, which is earlier than the call. Therefore, the call with the smallest
     delay determines the clock offset between the session and Lab Streaming Layer.

@@ -57,7 +57,7 @@ class AttemptResults:
 class Attempt:
     """The running attempt at a trial, with its recording.
 
-    Arguments with the suffix ``_s`` are times on the session's clock. Recorded times start at 0 with the attempt.
+    Arguments in seconds are times on the session's clock. Recorded times start at 0 with the attempt.
     ``trial_number`` and ``number``: numbers of the trial and of the attempt, from 1. ``steps``: number of control
     steps. ``reward``: sum of their rewards. ``latest_step``: the latest control step.
     """

@@ -42,7 +42,7 @@ from avrgym.vr.session.trial_worlds import TrialWorlds
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 NOT_IN_VR_TEXT = ParticipantText("waiting")
-"""The value of ``away`` before the participant has entered VR."""
+"""The value of ``absence_text`` before the participant has entered VR."""
 NO_ROBOT_COMMANDS = messages.RobotCommands([], [], "", 1.0, 0.0)
 LATENCY_WINDOW_S = 5
 """Number of seconds in the latency statistics of the experimenter's page."""

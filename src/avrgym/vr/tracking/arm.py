@@ -98,7 +98,7 @@ class ArmSolver:
             hand_pos: the hands' centres (A, 3), metres. For positions out of reach the arm stretches towards them.
             hand_axes: the hands' axes (A, 3, 3) as columns.
             start_rad: the current angles (A, 7).
-            turn_rad: maximum rotation of a joint from its current angle.
+            max_rotation_rad: maximum rotation of a joint from its current angle.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
