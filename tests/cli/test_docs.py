@@ -5,6 +5,7 @@ from collections import Counter
 from dataclasses import fields
 from pathlib import Path
 
+import gymnasium.wrappers.vector
 import pytest
 from typer.main import get_command
 
@@ -13,7 +14,7 @@ from avrgym.models.robot import Arm, Mount, Robot
 from avrgym.tasks.constants import environment_id
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.task import Task
-from helpers.browser.documentation import DOCUMENTS, anchors, missing_rows, name_of
+from helpers.browser.documentation import DOCUMENTS, anchors, blocks, missing_rows, name_of, without_blocks
 from helpers.system.paths import ROOT
 
 README = (ROOT / "README.md").read_text()
@@ -32,6 +33,16 @@ EXAMPLES = {
     environment_id(task, robot) for task in (*TASKS, "TouchElbow") for robot in ("Jaco", "Fetch", "LongArm")
 }
 """Environments on the pages about new tasks and robots."""
+CODE_SUFFIXES = {".css", ".html", ".json", ".py", ".toml", ".ts"}
+FILE_NAME = re.compile(
+    r".*\.(csv|db|edf|glb|head|html|json|log|mcap|md|mp4|nc|onnx|pdf|py|sha256|svg|toml|ts|txt|zip)"
+)
+OTHER_NAMES = {
+    *gymnasium.wrappers.__all__, *gymnasium.wrappers.vector.__all__, "NEXT_STEP",
+    "ScratchItchGen3", "ScratchItchPR2", "WARP_CACHE_PATH", "crontab", "docker", "gee", "lme4", "policy_NAME",
+    "sleepstudy", "wine",
+}  # fmt: skip
+"""Names of other programs, and names that no file contains as one word."""
 
 
 def test_pages_are_short():
@@ -67,6 +78,31 @@ def test_named_source_files_exist(document):
     named += re.findall(r"`((?:\w+/)+)`", document.read_text())
     paths = [name for name in named if name.split("/")[0] in FOLDERS | PACKAGES]
     assert [name for name in paths if not _path(name).exists()] == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
+def test_named_identifiers_exist(document, words):
+    """Of the tables of renamed things in the changelog, only the new names exist."""
+    text = without_blocks(document)
+    if document.name == "CHANGELOG.md":
+        text = text.partition("\n## 0.2.0")[0].partition("\n### Removed")[2].partition("\n### Renamed")[2]
+        text = "\n".join(re.findall(r"^\| .* \| (.*) \|$", text, re.M))
+    in_blocks = {word for block in blocks(document) for word in re.findall(r"\w+", block.text)}
+    named = re.findall(r"`\.?([A-Za-z_][\w.]*)(?:\([^`]*\))?`", text)
+    parts = {part for name in named if not FILE_NAME.fullmatch(name) for part in name.split(".")}
+    assert parts - words - OTHER_NAMES - in_blocks == set()
+
+
+@pytest.fixture(scope="module")
+def words() -> set[str]:
+    """All words of the program's code and scripts, and the names of these files and their folders."""
+    folders = ["src/avrgym", "client/src", "examples", "scripts"]
+    files = [
+        path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in CODE_SUFFIXES
+    ]
+    files += [ROOT / "Makefile", ROOT / "pyproject.toml"]
+    names = {name for path in files for name in (path.stem, path.parent.name)}
+    return names | {word for path in files for word in re.findall(r"\w+", path.read_text())}
 
 
 def _path(name: str) -> Path:

@@ -27,6 +27,11 @@ def blocks(page: Path) -> list[Block]:
     return [Block(language, textwrap.dedent(text)) for _, language, text in found]
 
 
+def without_blocks(page: Path) -> str:
+    """Return a page without its code blocks."""
+    return _BLOCK.sub("", page.read_text())
+
+
 def commands(text: str) -> list[list[str]]:
     """Split a block into shell commands, without comments and redirections."""
     lines = text.replace("\\\n", " ").splitlines()
@@ -43,7 +48,7 @@ def missing_rows(note: str, script: str, table: str, *arguments: str) -> list[st
 
 def anchors(page: Path) -> set[str]:
     """Return the anchors of a page's headings."""
-    headings = re.findall(r"^#+ +(.+)$", _BLOCK.sub("", page.read_text()), flags=re.MULTILINE)
+    headings = re.findall(r"^#+ +(.+)$", without_blocks(page), flags=re.MULTILINE)
     words = (re.sub(r"[^\w\s-]", "", heading).lower() for heading in headings)
     return {re.sub(r"[\s-]+", "-", each.strip()) for each in words}
 

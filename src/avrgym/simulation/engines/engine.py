@@ -109,8 +109,8 @@ def make_engine(
             then copies nothing.
 
     Raises:
-        ValueError: for an unknown engine or device, the engine ``threads`` with ``on_device``, or more worlds than memory
-            allows. Also for cloth or a driving robot with ``warp``.
+        ValueError: for an unknown engine or device, the engine ``threads`` with ``on_device``, or more worlds than
+            memory allows. Also for cloth or a driving robot with ``warp``.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine_name(engine)
