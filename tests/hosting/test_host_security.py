@@ -76,7 +76,7 @@ def test_each_route_refuses_every_other_token(
         for experimenter, given in ((False, for_public), (True, for_experimenter)):
             server = served.host._experimenter if experimenter else served.host._public
             for method, path in routes(app_of(server)):
-                if path in (*OPEN_PATHS, *INVITATION_PATHS, "/dashboard") or "/session/" in path:
+                if path in (*OPEN_PATHS, *INVITATION_PATHS, "/participants") or "/session/" in path:
                     continue
                 named = path.replace("{session_id}", session.id).replace("{pseudonym}", session.pseudonym)
                 for name, token in given.items():

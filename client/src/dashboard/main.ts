@@ -7,12 +7,15 @@ const REFRESH_MS = 5000;
 
 const token = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
 const dashboard = new Dashboard(new Study(token));
-const live = new Live(token, {
-  changed: () => void dashboard.refresh(),
-  problem: (words) => dashboard.refuse(words),
-});
 
-live.start();
+/** The page `participants` of a host. The host's own page leads the sessions. */
+const isHosted = location.pathname.endsWith("/participants");
+document.body.classList.toggle("hosted", isHosted);
+if (!isHosted)
+  new Live(token, {
+    changed: () => void dashboard.refresh(),
+    problem: (words) => dashboard.refuse(words),
+  }).start();
 void dashboard.refresh();
 setInterval(() => document.hidden || void dashboard.refresh(), REFRESH_MS);
 window.addEventListener("hashchange", () => location.reload());

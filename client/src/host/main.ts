@@ -41,7 +41,7 @@ class HostPage {
   private view: View | null = null;
 
   start(): void {
-    element<HTMLAnchorElement>("dashboard").href = `./dashboard#token=${token}`;
+    element<HTMLAnchorElement>("participants").href = `./participants#token=${token}`;
     element("door").addEventListener("click", () => void this.post("door", { is_open: !this.view?.is_open }));
     void this.refresh();
     setInterval(() => document.hidden || void this.refresh(), REFRESH_MS);

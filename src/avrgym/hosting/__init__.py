@@ -5,13 +5,15 @@ experimenters. Each session runs in its own process (``session_process``), with 
 ``avrgym serve``. The host starts these processes, watches and replaces them (``session_pool``), admits participants by
 measured capacity (``capacity``, ``waiting_list``), and passes WebSockets to them as bytes (``tunnel``).
 
-All states that must survive a crash are in the study's database: invitations, consents, inclusion answers, events and
-trials. A participant's stage is computed from them (``stages``). After a crash of the host or of a session, the next
-session continues with the first trial that is not complete.
+Invitations, consents, inclusion answers, events and trials are in the study's database. A participant's stage is
+computed from them (``stages``). Door, waiting list and links of running sessions are in a private file
+(``host_state``). After a crash of the host, its sessions start again at the same addresses. After each crash, a session
+continues with the first trial that is not complete.
 
 | module | task |
 |---|---|
 | ``settings`` | contents of ``host.toml`` |
+| ``host_state`` | what a restart of the host continues: ``private/host.json`` |
 | ``addresses`` | public address and links |
 | ``rate_limits``, ``headset_codes`` | limits of requests, codes for headsets |
 | ``stages`` | what a participant does next |

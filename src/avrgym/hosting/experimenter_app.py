@@ -1,4 +1,4 @@
-"""Web application of the experimenter's server: all sessions on one page, commands to them, and the study's dashboard.
+"""Web application of the experimenter's server: all sessions, commands to them, and the study's participants.
 
 This server has its own port, and listens on a loopback address only. Each request needs an experimenter's token.
 """
@@ -13,7 +13,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.hosting.data_requests import COPY_REQUESTED, requested
-from avrgym.hosting.participant_app import Door
+from avrgym.hosting.host_state import HostState
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import HostedSession, SessionPool
 from avrgym.study.dashboard.application import dashboard_app
@@ -49,7 +49,7 @@ class CommandRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def experimenter_app(
-    store: Store, pool: SessionPool, door: Door, tokens: StudyTokens, hosts: list[str]
+    store: Store, pool: SessionPool, state: HostState, tokens: StudyTokens, hosts: list[str]
 ) -> FastAPI:
     """Returns the web application. ``hosts``: allowed host names of requests."""
 
@@ -64,11 +64,12 @@ def experimenter_app(
     app.add_middleware(SameOriginMiddleware)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
     app.add_exception_handler(StudyError, make_error_handler(409))
+    app.add_exception_handler(OSError, make_error_handler(507))
 
     @app.get("/api/sessions")
     def read_sessions(caller: Annotated[AuthenticatedClient, Depends(experimenter)]) -> Response:
         log.log_view(caller, "view sessions")
-        return json_response(sessions_view(store, pool, door))
+        return json_response(sessions_view(store, pool, state))
 
     @app.post("/api/door")
     async def change_door(
@@ -76,7 +77,7 @@ def experimenter_app(
     ) -> Response:
         change = await decode_json_body(request, DoorChange, MAX_BODY_BYTES)
         with log.log_command(caller, "open door" if change.is_open else "close door", None):
-            door.is_open = change.is_open
+            await run_in_threadpool(state.set_open, change.is_open)
         return Response(status_code=204)
 
     def logged(caller: AuthenticatedClient, session_id: str, name: str, act: Callable[[], None]) -> None:
@@ -109,19 +110,19 @@ def experimenter_app(
     for name in COMMANDS:
         app.post(f"/api/sessions/{{session_id}}/{name}")(endpoint(name))
     app.mount("/study", dashboard_app(store, tokens))
-    for path, file in (("/", "host.html"), ("/dashboard", "dashboard.html")):
+    for path, file in (("/", "host.html"), ("/participants", "dashboard.html")):
         app.get(path)(page_endpoint(file))
     add_session_pages(app, pool, "spectator")
     app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
 
 
-def sessions_view(store: Store, pool: SessionPool, door: Door) -> dict[str, Any]:
+def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str, Any]:
     """Returns the state of the host and of all sessions, for the experimenter's page."""
     states = [each.state for each in store.participants()]
     return {
         "title": store.design.title,
-        "is_open": door.is_open,
+        "is_open": state.is_open,
         "capacity": pool.capacity.sessions,
         "session_cpu_share": pool.capacity.cpu_share,
         "missed_share": pool.capacity.missed_share,

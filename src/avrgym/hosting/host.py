@@ -7,7 +7,8 @@ from avrgym.hosting.addresses import check_address
 from avrgym.hosting.data_requests import RequestedDeletions
 from avrgym.hosting.experimenter_app import experimenter_app
 from avrgym.hosting.headset_codes import HeadsetCodes
-from avrgym.hosting.participant_app import Door, ParticipantTokens, Participation, participant_app
+from avrgym.hosting.host_state import HostState
+from avrgym.hosting.participant_app import ParticipantTokens, Participation, participant_app
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import read_host_settings
 from avrgym.hosting.tunnel import TunnelRules, Tunnels
@@ -15,12 +16,16 @@ from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
 from avrgym.study.storage.store import Store
+from avrgym.system.files import make_private_folder
+from avrgym.system.locks import lock_folder
 from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 from avrgym.vr.server.connection_limits import ConnectionLimiter
 from avrgym.vr.server.session_links import SessionLinks
 from avrgym.vr.server.web_server import WebServer, check_client_page, open_listener
 
 MAX_PARTICIPANT_CONNECTIONS = 1000
+LOCK_FILE = "host.lock"
+"""File in the study's private folder that the host locks. Two hosts of one study would start the same sessions."""
 
 
 class Host:
@@ -51,29 +56,30 @@ class Host:
         Raises:
             DesignError: if ``host.toml`` is invalid.
             ServerError: if the client is not built or a port is not available.
-            ValueError: for an invalid address.
+            ValueError: for an invalid address or stored state, or if another process hosts this study.
         """
         for page in ("participate.html", "host.html", "index.html"):
             check_client_page(page)
-        self.store, self.door = store, Door()
+        self.store, self._state = store, HostState(store.folder)
         settings = read_host_settings(store.folder)
-        self._open = ExitStack()
+        private = store.folder / PRIVATE
+        make_private_folder(private)
         with ExitStack() as failed:
+            self._open = failed.enter_context(ExitStack())
+            self._open.enter_context(lock_folder(private, LOCK_FILE))
             public = failed.enter_context(open_listener(host, port, behind_proxy=bool(proxies)))
             own = failed.enter_context(open_listener(LOOPBACK_HOSTS[0], experimenter_port))
             self.port, self.experimenter_port = int(public.getsockname()[1]), int(own.getsockname()[1])
             self.origin = check_address(address or f"http://localhost:{self.port}")
             failed.pop_all()
-        self.pool = SessionPool(store, settings, max_sessions)
+        self.pool = SessionPool(store, settings, self._state, max_sessions)
         self._experimenters = ExperimenterTokens(store)
-        self.tokens = StudyTokens.of_study(
-            store.folder / PRIVATE / "tokens.json", self._experimenters, SessionLinks()
-        )
+        self.tokens = StudyTokens.of_study(private / "tokens.json", self._experimenters, SessionLinks())
         local = [f"{name}:{self.port}" for name in LOOPBACK_HOSTS]
         origins = frozenset({self.origin, *(f"http://{each}" for each in local)})
         own_tokens = ParticipantTokens.of_study(store)
         limiter = ConnectionLimiter(public, own_tokens, MAX_PARTICIPANT_CONNECTIONS)
-        participation = Participation(store, settings, self.pool, self.door, HeadsetCodes(), self.origin)
+        participation = Participation(store, settings, self.pool, self._state, HeadsetCodes(), self.origin)
         names = [urlsplit(self.origin).hostname or "", *LOOPBACK_HOSTS]
         app = participant_app(participation, own_tokens, names, origins, proxies)
         rules = TunnelRules(
@@ -88,7 +94,7 @@ class Host:
         self._experimenter = self._experimenter_server(ConnectionLimiter(own, self.tokens))
 
     def _experimenter_server(self, limiter: ConnectionLimiter) -> WebServer:
-        app = experimenter_app(self.store, self.pool, self.door, self.tokens, list(LOOPBACK_HOSTS))
+        app = experimenter_app(self.store, self.pool, self._state, self.tokens, list(LOOPBACK_HOSTS))
         hosts = frozenset(f"{name}:{self.experimenter_port}" for name in LOOPBACK_HOSTS)
         origins = frozenset(f"http://{each}" for each in hosts)
         rules = TunnelRules(self.pool, limiter, ("watch",), origins, hosts, "experimenter")

@@ -20,6 +20,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from avrgym.hosting.addresses import participant_link
 from avrgym.hosting.data_requests import COPY_REQUESTED, DELETION_REQUESTED, requested
 from avrgym.hosting.headset_codes import HeadsetCodes
+from avrgym.hosting.host_state import HostState
 from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import SessionPool
@@ -133,13 +134,6 @@ class ParticipantTokens(Tokens):
         return None if pseudonym is None else AuthenticatedClient("participant", pseudonym)
 
 
-class Door:
-    """Whether the study accepts new participants and sessions."""
-
-    def __init__(self) -> None:
-        self.is_open = True
-
-
 @dataclass(frozen=True)
 class Participation:
     """What the requests of participants need."""
@@ -147,13 +141,13 @@ class Participation:
     store: Store
     settings: HostSettings
     pool: SessionPool
-    door: Door
+    state: HostState
     codes: HeadsetCodes
     origin: str
 
     def stage(self, pseudonym: str) -> Stage:
         """Returns the participant's stage."""
-        return stage_of(self.store, self.settings, self.pool, pseudonym, is_open=self.door.is_open)
+        return stage_of(self.store, self.settings, self.pool, pseudonym, is_open=self.state.is_open)
 
     def check_stage(self, pseudonym: str, *allowed: type[Stage]) -> Stage:
         """Returns the stage. Raises ``StudyError`` if it is none of the allowed ones."""
@@ -188,7 +182,7 @@ def _confirm_safety(own: Participation, pseudonym: str, _: Confirmation) -> None
 
 def _wait(own: Participation, pseudonym: str, _: Confirmation) -> None:
     stage = own.check_stage(pseudonym, ReadyStage, WaitingStage)
-    if isinstance(stage, ReadyStage) and not own.door.is_open:
+    if isinstance(stage, ReadyStage) and not own.state.is_open:
         raise StudyError("the study starts no new sessions now; come back later")
     own.pool.join(pseudonym)
 
@@ -285,13 +279,13 @@ def participant_app(
     async def read_invitation(request: Request) -> Response:
         given = await decode_json_body(request, GivenInvitation, MAX_BODY_BYTES)
         await run_in_threadpool(check_invitation, own.store, given.token)
-        _check_open(own.door)
+        _check_open(own.state)
         return json_response({"title": own.store.design.title, "languages": _languages(own.store)})
 
     @app.post("/api/participants", dependencies=[Depends(limited)])
     async def take_part(request: Request) -> Response:
         given = await decode_json_body(request, Enrolment, MAX_BODY_BYTES)
-        _check_open(own.door)
+        _check_open(own.state)
         _, token = await run_in_threadpool(
             enrol_invited,
             own.store,
@@ -337,8 +331,8 @@ def participant_app(
     return app
 
 
-def _check_open(door: Door) -> None:
-    if not door.is_open:
+def _check_open(state: HostState) -> None:
+    if not state.is_open:
         raise InvitationError("closed", ACCEPTS_NEW)
 
 

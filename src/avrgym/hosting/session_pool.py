@@ -15,6 +15,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any, Literal
 
 from avrgym.hosting.capacity import YOUNG_S, Capacity, IdleCores
+from avrgym.hosting.host_state import HostState, RunningSession
 from avrgym.hosting.session_process import (
     Ended,
     FromHost,
@@ -59,6 +60,7 @@ class HostedSession:
     process: BaseProcess
     pipe: Connection
     began_s: float
+    began_at_s: float = field(default_factory=time.time)
     state: State = "starting"
     report: Report = field(default_factory=lambda: Report(0))
     crashes: int = 0
@@ -88,13 +90,15 @@ class SessionPool:
         self,
         store: Store,
         settings: HostSettings,
+        state: HostState,
         max_sessions: int | None = None,
         *,
         run: Callable[[SessionRequest, Connection], None] = run_session,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``run``: the function that runs in a session's process."""
+        """``state``: stores sessions and waiting list. ``run``: the function that runs in a session's process."""
         self._store, self._settings, self._run, self._clock = store, settings, run, clock
+        self._state = state
         self.capacity = Capacity(max_sessions)
         self._waiting, self._idle_cores = WaitingList(), IdleCores()
         self._sessions: dict[str, HostedSession] = {}
@@ -106,6 +110,7 @@ class SessionPool:
         self._processes = _process_context()
 
     def __enter__(self) -> "SessionPool":
+        self._restore()
         self._thread.start()
         return self
 
@@ -159,6 +164,7 @@ class SessionPool:
                 raise StudyError(f"{pseudonym} has completed every trial")
             self._failed.pop(pseudonym, None)
             self._waiting.join(pseudonym, self._clock())
+            self._save()
             return self.place(pseudonym)
 
     def place(self, pseudonym: str) -> Place | None:
@@ -176,6 +182,7 @@ class SessionPool:
         """Remove a participant from the waiting list."""
         with self._lock:
             self._waiting.leave(pseudonym)
+            self._save()
 
     def command(self, session_id: str, name: CommandName) -> None:
         """Send a command to a session. Raises ``StudyError`` without a running session of this id."""
@@ -197,6 +204,38 @@ class SessionPool:
         practice_s = len(design.tasks) * trial_s if design.practice_policy else 0.0
         planned_s = SECONDS_BEFORE_TRIALS + practice_s + trials * (trial_s + items_s)
         return min(planned_s, 60.0 * self._settings.session_minutes)
+
+    # The stored state -------------------------------------------------------------------------------------------------
+
+    def _restore(self) -> None:
+        """Continue with the waiting list and the sessions of the host's previous process."""
+        now_s, now_at_s = self._clock(), time.time()
+        allocated = {each.pseudonym for each in self._store.participants() if each.state == "allocated"}
+        self._waiting.restore([each for each in self._state.waiting if each in allocated], now_s)
+        for each in self._state.sessions:
+            age_s = now_at_s - each.began_at_s
+            if each.pseudonym in allocated and age_s < 60.0 * self._settings.session_minutes:
+                process, pipe = self._start_process(each.pseudonym, each.link)
+                self._sessions[each.id] = HostedSession(
+                    each.id,
+                    each.pseudonym,
+                    each.link,
+                    each.trials,
+                    process,
+                    pipe,
+                    now_s - age_s,
+                    each.began_at_s,
+                    crashes=each.crashes,
+                    process_began_s=now_s,
+                )
+
+    def _save(self) -> None:
+        """Store the waiting list and the sessions, if they have changed."""
+        running = (
+            RunningSession(each.id, each.pseudonym, each.link, each.trials, each.began_at_s, each.crashes)
+            for each in self._sessions.values()
+        )
+        self._state.set_sessions(self._waiting.pseudonyms, tuple(running))
 
     # The thread -------------------------------------------------------------------------------------------------------
 
@@ -223,7 +262,10 @@ class SessionPool:
                 self._enforce_times(session, now_s)
         self.capacity.idle_cores = self._idle_cores.measure()
         self._waiting.remove_absent(now_s)
-        self._admit(now_s)
+        with suppress(StudyError):  # the database is unreachable; participants wait
+            self._admit(now_s)
+        with suppress(OSError):  # the disk is full; later changes are stored
+            self._save()
 
     def _receive(self, session: HostedSession) -> bool:
         """Store the reports of a session. Returns whether it has ended as planned."""
@@ -293,8 +335,8 @@ class SessionPool:
         young = sum(now_s - each.process_began_s < YOUNG_S for each in self._sessions.values())
         if pseudonym is None or not self.capacity.admits(len(self._sessions), young):
             return
-        self._waiting.leave(pseudonym)
         trials = len(self._store.remaining_trials(pseudonym))
+        self._waiting.leave(pseudonym)
         session_id, link = secrets.token_hex(ID_BYTES), new_link()
         process, pipe = self._start_process(pseudonym, link)
         self._sessions[session_id] = HostedSession(

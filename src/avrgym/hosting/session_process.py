@@ -7,7 +7,7 @@ commands through the same pipe. It ends when the session has ended, or when the 
 import signal
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -17,8 +17,10 @@ from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.threads import StorageThread
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
+from avrgym.study.storage.rows import participant_number
 from avrgym.study.storage.sessions import record_session_event
 from avrgym.study.storage.store import Store
+from avrgym.system.locks import lock_number
 from avrgym.vr.protocol.messages import Command, CommandName, Message, Phase, Problem, Status, Timing
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.session_links import SessionLinks
@@ -26,6 +28,10 @@ from avrgym.vr.server.sound_files import SOUNDS_FOLDER
 
 REPORT_INTERVAL_S = 1.0
 POLL_INTERVAL_S = 0.1
+LOCK_FILE = "sessions.lock"
+"""File in the study's private folder. The process of a session locks its participant's number in it."""
+EARLIER_PROCESS_TIMEOUT_S = 60.0
+"""Maximum time to wait for an earlier process of the same session, which ends after a crash of the host."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +142,11 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
     collector, links = ReportCollector(), SessionLinks()
     try:
         with (
+            lock_number(
+                request.folder / PRIVATE / LOCK_FILE,
+                participant_number(request.pseudonym),
+                EARLIER_PROCESS_TIMEOUT_S,
+            ),
             Store(request.folder) as store,
             ThreadPoolExecutor(1) as workers,
             StorageThread() as storing,
@@ -147,6 +158,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
                     workers,
                     first=request.pseudonym,
                     first_link=request.link,
+                    take_over=True,  # the lock was free: no other process of the host runs this session
                     storing=storing,
                     headset_check=request.headset_check,
                     links=links,
@@ -158,7 +170,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
                 links=links,
             ) as server,
         ):
-            _watch(server, store, collector, pipe)
+            _watch(server, store, collector, pipe, storing)
     except (RuntimeError, ValueError, OSError) as error:
         if isinstance(error, BrokenPipeError):  # the host has ended
             return
@@ -167,7 +179,11 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
 
 
 def _watch(
-    server: LiveServer[StudySessions], store: Store, collector: ReportCollector, pipe: Connection
+    server: LiveServer[StudySessions],
+    store: Store,
+    collector: ReportCollector,
+    pipe: Connection,
+    storing: Executor,
 ) -> None:
     """Report the session's state and pass commands, until the session or the host has ended."""
     began_s = reported_s = time.monotonic()
@@ -180,7 +196,11 @@ def _watch(
                 command: FromHost = pipe.recv()
             except (EOFError, ConnectionError):
                 return
-            _execute(command, server, store, session_id)
+            _execute(
+                command,
+                server,
+                lambda name, detail: storing.submit(record_session_event, store, session_id, name, detail),
+            )
         if server.session.participant is None:
             pipe.send(Ended())
             return
@@ -199,10 +219,12 @@ def _watch(
             reported_s = now_s
 
 
-def _execute(command: FromHost, server: LiveServer[StudySessions], store: Store, session_id: int) -> None:
+def _execute(
+    command: FromHost, server: LiveServer[StudySessions], record: Callable[[str, str], object]
+) -> None:
     match command:
         case SessionCommand():
             server.loop.post(Command(name=command.name))
         case MessageToParticipant():
             server.send(Problem(command.text, "participant"))
-            record_session_event(store, session_id, "message to participant", command.text)
+            record("message to participant", command.text)

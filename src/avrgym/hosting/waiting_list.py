@@ -12,6 +12,17 @@ class WaitingList:
 
     def __init__(self) -> None:
         self._seen_s: dict[str, float] = {}
+        self._restored: set[str] = set()
+
+    def restore(self, pseudonyms: Sequence[str], now_s: float) -> None:
+        """Add participants who waited before a restart. They are not next before their page has asked again."""
+        self._seen_s = {**dict.fromkeys(pseudonyms, now_s), **self._seen_s}
+        self._restored.update(pseudonyms)
+
+    @property
+    def pseudonyms(self) -> tuple[str, ...]:
+        """The waiting participants in order of arrival."""
+        return tuple(self._seen_s)
 
     def __len__(self) -> int:
         return len(self._seen_s)
@@ -22,6 +33,7 @@ class WaitingList:
     def join(self, pseudonym: str, now_s: float) -> None:
         """Add a participant at the end, or note that a waiting participant is present."""
         self._seen_s[pseudonym] = now_s
+        self._restored.discard(pseudonym)
 
     def leave(self, pseudonym: str) -> None:
         """Remove a participant, if they wait."""
@@ -38,8 +50,8 @@ class WaitingList:
         }
 
     def next(self) -> str | None:
-        """Returns the participant who waits longest; ``None`` if nobody waits."""
-        return next(iter(self._seen_s), None)
+        """Returns the present participant who waits longest; ``None`` if nobody waits."""
+        return next((each for each in self._seen_s if each not in self._restored), None)
 
 
 def estimate_wait_s(position: int, remaining_s: Sequence[float], session_s: float, sessions: int) -> float:

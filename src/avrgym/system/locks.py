@@ -1,7 +1,8 @@
-"""Lock a folder for one process at a time."""
+"""Locks between processes. The kernel releases them when a process ends, even if it is killed."""
 
 import fcntl
 import os
+import time
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,21 +10,41 @@ from typing import IO
 
 LOCK_FILE = "training.lock"
 """Name of the locked file. The file is never removed. It contains the id of the last process that locked it."""
+RETRY_INTERVAL_S = 0.1
 
 
 @contextmanager
-def lock_folder(folder: Path) -> Generator[None]:
-    """Context manager: lock a folder. The kernel releases the lock when this process ends, even if it is killed.
+def lock_folder(folder: Path, name: str = LOCK_FILE) -> Generator[None]:
+    """Context manager: lock a folder. ``name``: name of the locked file.
 
     Raises:
         ValueError: if another process has locked the folder, or if its file system does not support locks.
         OSError: if the folder cannot be written.
     """
-    with open(folder / LOCK_FILE, "a+") as file:
+    with open(folder / name, "a+") as file:
         _lock(file, folder)
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
         file.flush()
+        yield
+
+
+@contextmanager
+def lock_number(path: Path, number: int, wait_s: float) -> Generator[None]:
+    """Context manager: lock a number in a file, which is created if it is missing.
+
+    ``wait_s``: maximum time in seconds to wait for another process. Raises ``TimeoutError`` after it.
+    """
+    ends_s = time.monotonic() + wait_s
+    with open(path, "a") as file:
+        while True:
+            try:
+                fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, number)
+                break
+            except (BlockingIOError, PermissionError):
+                if time.monotonic() > ends_s:
+                    raise TimeoutError(f"another process has locked number {number} in {path}") from None
+                time.sleep(RETRY_INTERVAL_S)
         yield
 
 

@@ -83,8 +83,11 @@ class EmulatedParticipant:
             (await web.post(f"/api/{name}", json=body, headers=own)).raise_for_status()
 
         while True:
-            response = await web.get("/api/stage", headers=own)
-            stage = response.json()["stage"]
+            try:
+                stage = (await web.get("/api/stage", headers=own)).json()["stage"]
+            except httpx.TransportError:  # the host starts again
+                await asyncio.sleep(POLL_S)
+                continue
             match stage["type"]:
                 case "consent":
                     await act("consent", version=stage["version"], sha256=stage["sha256"], agreed=True)

@@ -1,10 +1,13 @@
 """A real host on loopback ports, with sessions in their own processes."""
 
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from itertools import islice
+from typing import Any, cast
+from urllib.parse import urlsplit
 
 import httpx
 from websockets.sync.client import ClientConnection, connect
@@ -12,9 +15,12 @@ from websockets.sync.client import ClientConnection, connect
 from avrgym.hosting.host import Host
 from avrgym.hosting.session_pool import HostedSession
 from avrgym.study.people.invitations import create_invitations
+from avrgym.study.storage.store import Store
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Hello, Message
+from avrgym.vr.server.authentication import Tokens
 from helpers.studies.small_studies import eligible_answers
+from helpers.system.processes import AVRGYM, kill_with_parent
 from helpers.vr.received_states import decode_message
 
 PATIENCE_S = 120.0
@@ -102,6 +108,36 @@ class Served:
         with connect(path.replace("http", "ws", 1), max_size=None, proxy=None, **options) as socket:
             socket.send(messages.encode(Hello(messages.PROTOCOL_VERSION, token, "test", emulated=True)))
             yield socket
+
+
+@dataclass(frozen=True)
+class HostProcess:
+    """A process of `avrgym host`, with the fields of a ``Host`` that ``Served`` needs. ``store``: of the test."""
+
+    process: subprocess.Popen[str]
+    store: Store
+    port: int
+    experimenter_port: int
+    tokens: Tokens
+
+
+@contextmanager
+def host_process(
+    store: Store, *options: str, port: int = 0, experimenter_port: int = 0
+) -> Iterator[tuple[HostProcess, Served]]:
+    """Run `avrgym host` until the context ends; then kill it."""
+    ports = ("--port", str(port), "--experimenter-port", str(experimenter_port))
+    command = [AVRGYM, "host", store.folder, *ports, *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, preexec_fn=kill_with_parent) as process:
+        try:
+            assert process.stdout is not None
+            words = (word for line in process.stdout for word in line.split() if word.startswith("http"))
+            participants, experimenters = (urlsplit(word).port or 0 for word in islice(words, 2))
+            tokens = Tokens.load_or_create(store.folder / "private" / "tokens.json")
+            host = HostProcess(process, store, participants, experimenters, tokens)
+            yield host, Served(cast(Host, host))
+        finally:
+            process.kill()
 
 
 def first(socket: ClientConnection) -> Message:

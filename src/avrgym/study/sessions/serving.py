@@ -60,6 +60,7 @@ class StudySessions:
         *,
         first: str | None = None,
         first_link: str | None = None,
+        take_over: bool = False,
         furniture: RealFurniture | None = None,
         storing: Executor | None = None,
         streams: DeviceStreams | None = None,
@@ -75,6 +76,7 @@ class StudySessions:
             workers: see ``Session``.
             first: pseudonym of the first participant.
             first_link: the link of the first session; default: a new one.
+            take_over: see ``StudyVisit``; for the first session.
             furniture: the real seat and bed at this station; default: the design's.
             storing: see ``StudyVisit``.
             streams: see ``Session``.
@@ -99,7 +101,7 @@ class StudySessions:
         self._actions: SimpleQueue[tuple[LoopAction, Future[None]]] = SimpleQueue()
         self._furniture = furniture or store.design.furniture
         if first is not None:
-            self._begin(first, 0.0, link=first_link)
+            self._begin(first, 0.0, link=first_link, take_over=take_over)
 
     @property
     def furniture(self) -> RealFurniture:
@@ -224,10 +226,11 @@ class StudySessions:
         now_s: float,
         furniture: RealFurniture | None = None,
         link: str | None = None,
+        take_over: bool = False,
     ) -> None:
         if self.participant is not None:
             raise StudyError(f"the session of {self.participant} is running; end it first")
-        visit = StudyVisit(self._store, pseudonym, storing=self._storing)
+        visit = StudyVisit(self._store, pseudonym, take_over=take_over, storing=self._storing)
         self._furniture = furniture or self._furniture
         try:
             session = self._in_vr(visit)
