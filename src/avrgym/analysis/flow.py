@@ -36,22 +36,23 @@ class ParticipantFlow:
         excluded: participants excluded by inclusion questions.
         withdrew_before_allocation: withdrawals before a trial order was allocated.
         consent_unknown: participants with lost consent records (the database was lost).
-        awaiting_allocation: participants with consent who have not answered the inclusion questions.
+        awaiting_allocation: participants with consent, but without answers to the inclusion questions.
         allocated: participants with an allocated trial order.
         withdrew: withdrawals after allocation.
         withdrawal_unknown: allocated participants with lost withdrawal records.
-        unfinished: allocated participants who have not completed the study.
-        completed: participants who completed the study.
+        unfinished: allocated participants that have not completed the study.
+        completed: participants that completed the study.
         analysed: participants with analysed trials or answers.
         participants_by_order: number of participants by trial order (from 1).
-        participants_by_consent_version: number of participants by the latest accepted version of the consent text.
-        reconsented: participants who gave consent again.
-        declined: participants who declined consent.
+        participants_by_consent_version: number of participants by their latest accepted consent version.
+        reconsented: participants that gave consent again.
+        declined: participants that declined consent.
         first_session_day, last_session_day: days of the first and last session (ISO 8601).
-        analysed_unfinished: analysed participants who have not completed the study.
-        completed_without_data: participants who completed the study, but have no analysed trial or answer.
+        analysed_unfinished: analysed participants that have not completed the study.
+        completed_without_data: participants that completed the study, but have no analysed trial or answer.
         exclusions_by_answer: number of exclusions by answer to an inclusion question.
-        early_withdrawals_by_reason, withdrawals_by_reason: number of withdrawals by reason.
+        early_withdrawals_by_reason: number of withdrawals before allocation, by reason.
+        withdrawals_by_reason: number of withdrawals after allocation, by reason.
     """
 
     simulated: bool

@@ -30,9 +30,9 @@ class RecordedMotion:
     Attributes:
         participant: pseudonym.
         person: body and initial joint angles.
-        offered_part, posture: offered body part and posture of the person in the task.
-        tool_pos_w, head_pos_w, mouth_pos_w: positions (K, 3) of tool, head and mouth every 0.1 s, in metres
-            in the world frame.
+        offered_part: body part that the person moves to the tool.
+        posture: posture of the person in the task.
+        tool_pos_w, head_pos_w, mouth_pos_w: positions (K, 3) every 0.1 s, in metres in the world frame.
         right_arm_pos_w: positions (K, 3, 3) of right shoulder, elbow and wrist.
         angles_rad: angles (10 K, 5) of the ``MOTION_JOINTS`` every 0.01 s. Head angles include the yaw of the waist.
         first_active_sample: index of the first of the K samples with robot motion.

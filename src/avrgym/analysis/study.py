@@ -115,7 +115,7 @@ class StudyAnalysis:
         access_log: summary of the access log.
         adverse_events: reports of adverse events.
         functioning: numbers of answers about functioning.
-        data_losses: consequences of a lost database.
+        data_losses: consequences of a lost database, as sentences.
         repeats: repeated trials by condition.
         repeat_findings: results of the tests of repeats.
         repeats_of_simulated: ``repeat_findings`` are about simulated participants, otherwise about people.

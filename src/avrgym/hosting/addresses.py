@@ -1,4 +1,4 @@
-"""Public address of a hosted study, and the links to it. Tokens are in the fragment, which browsers do not send."""
+"""Public address of a hosted study, and links with tokens. Browsers do not send the fragment with the token."""
 
 from urllib.parse import urlsplit
 
@@ -6,10 +6,10 @@ from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 
 
 def check_address(address: str) -> str:
-    """Returns the origin of a public address, without a slash at the end.
+    """Returns the origin (scheme, host and port) of a public address, without a slash at the end.
 
     Raises:
-        ValueError: for an address that is not an origin, or without TLS for another computer.
+        ValueError: for an address with a path or without a host, and for HTTP to another computer.
     """
     try:
         parts = urlsplit(address)
@@ -30,5 +30,5 @@ def invitation_link(origin: str, token: str) -> str:
 
 
 def participant_link(origin: str, token: str) -> str:
-    """Returns the link of a participant's own page."""
+    """Returns the link of a participant's page."""
     return f"{origin}/#participant={token}"

@@ -1,9 +1,11 @@
-"""Number of sessions that this computer can run, from the processor time that the running sessions use.
+"""Number of sessions that this computer can run, estimated from the processor time of the running sessions.
 
-A session uses most in trials; only this time is measured. The estimate for one session is therefore the mean of the
-sessions' highest shares over ``MEAN_REPORTS`` reports. A new session is admitted only if the sum stays below the limit,
-if the sessions give up at most ``MAX_MISSED_SHARE`` of their ticks, and if the processors are idle for the time
-that a session needs. Other programs thus count too.
+A session needs most processor time in trials, and only trials are measured. The measured load of a session is its
+largest mean over ``MEAN_REPORTS`` reports. The estimate for a new session is the mean over all measured sessions.
+
+A new session is admitted if three conditions hold. The estimated load of all sessions is at most ``MAX_LOAD``. The
+sessions miss at most ``MAX_MISSED_SHARE`` of their ticks. Enough cores are idle; this includes the load of other
+programs.
 """
 
 import os
@@ -14,18 +16,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 MAX_MISSED_SHARE = 0.005
-"""Maximum share of ticks given up in the last ``WINDOW_S`` at which a session is admitted."""
+"""Maximum share of missed ticks at which a session is admitted, measured over the last ``WINDOW_S``."""
 MAX_LOAD = 0.8
 """Maximum load by sessions, as a share of all cores. The rest is for the host and the database."""
 INITIAL_CPU_SHARE = 0.35
-"""Processor time of a session as a share of one core, before it is measured."""
+"""Assumed load of a session before the first measurement, as a share of one core."""
 WINDOW_S = 30.0
+"""Time over which missed ticks are counted."""
 MEAN_REPORTS = 10
+"""Number of reports in a mean of the load."""
 YOUNG_S = 20.0
+"""Time after its start in which a session does not yet use its full processor time."""
 IDLE_WINDOW_S = 5.0
 """Time over which the idle cores are measured. It must contain the start of the previous session."""
 SETTLE_S = 5.0
-"""The start of a session builds models; its processor time is not counted."""
+"""Time after the start of a session without measurement. The session then builds its simulation models."""
 
 
 @dataclass
@@ -36,7 +41,7 @@ class _Measured:
 
 
 class IdleCores:
-    """Measures how many cores were idle in the last ``IDLE_WINDOW_S``, from Linux's ``/proc/stat`` (proc(5))."""
+    """Measures the number of idle cores over the last ``IDLE_WINDOW_S``, from Linux's ``/proc/stat`` (proc(5))."""
 
     def __init__(self, path: Path = Path("/proc/stat"), clock: Callable[[], float] = time.monotonic) -> None:
         self._path, self._clock = path, clock
@@ -59,33 +64,33 @@ class IdleCores:
 
 
 class Capacity:
-    """Measures the running sessions and decides whether another one can start."""
+    """Measures the load of the running sessions, and decides whether another session can start."""
 
     def __init__(self, max_sessions: int | None = None, cores: int | None = None) -> None:
-        """``max_sessions``: a limit in addition to the measured one. ``cores``: default: those of this process."""
+        """``max_sessions``: a limit in addition to the measured limit. ``cores``: default: cores of this process."""
         self._max_sessions = max_sessions
         self._cores = cores or _own_cores()
         self._running: dict[str, _Measured] = {}
         self._finished_peaks: deque[float] = deque(maxlen=20)
         self.idle_cores: float | None = None
-        """Idle cores of this computer, if they are measured."""
+        """Number of idle cores of this computer; ``None`` if it is not measured."""
 
     @property
     def cpu_share(self) -> float:
-        """Estimated processor time of one session, as a share of one core."""
+        """Estimated load of one session, as a share of one core."""
         peaks = [each.peak for each in self._running.values() if each.peak > 0.0]
         known = [*self._finished_peaks, *peaks]
         return sum(known) / len(known) if known else INITIAL_CPU_SHARE
 
     @property
     def sessions(self) -> int:
-        """Number of sessions that can run concurrently; at least 1."""
+        """Maximum number of concurrent sessions; at least 1."""
         measured = max(1, int(MAX_LOAD * self._cores / max(self.cpu_share, 0.01)))
         return measured if self._max_sessions is None else min(measured, self._max_sessions)
 
     @property
     def missed_share(self) -> float:
-        """Share of the ticks that all sessions gave up in the last ``WINDOW_S``."""
+        """Share of missed ticks of all sessions in the last ``WINDOW_S``."""
         missed = planned = 0.0
         for each in self._running.values():
             if len(each.missed) > 1:
@@ -97,9 +102,10 @@ class Capacity:
     def observe(
         self, session: str, seconds: float, cpu_share: float, missed_ticks: int, *, in_trial: bool
     ) -> None:
-        """Store a report of a session: time since its start, processor time and ticks given up.
+        """Store a report of a session.
 
-        ``in_trial``: the processor time is that of a trial, and counts.
+        ``seconds``: time since the session's start. ``cpu_share``: load as a share of one core. ``missed_ticks``:
+        number of missed ticks so far. ``in_trial``: a trial is running; the load is measured only then.
         """
         own = self._running.setdefault(session, _Measured())
         if seconds > SETTLE_S:
@@ -112,7 +118,7 @@ class Capacity:
                 own.missed.popleft()
 
     def forget(self, session: str) -> None:
-        """Remove a session that has ended."""
+        """Remove an ended session. Its load remains part of the estimate."""
         own = self._running.pop(session, None)
         if own is not None and own.peak > 0.0:
             self._finished_peaks.append(own.peak)
@@ -120,8 +126,7 @@ class Capacity:
     def admits(self, running: int, young: int = 0) -> bool:
         """Returns whether one more session can start.
 
-        ``running``: number of running sessions. ``young``: number of those that began in the last ``YOUNG_S``. They do
-        not use their full processor time yet.
+        ``running``: number of running sessions. ``young``: number of sessions that started in the last ``YOUNG_S``.
         """
         if running == 0:
             return True

@@ -1,7 +1,7 @@
-"""Requests of participants about their data, made on their own page: deletion, and a copy.
+"""Requests of participants on their page: to delete their data, or to receive a copy.
 
-The host deletes the data as soon as no session runs, because the traces in the database can be erased only then. A copy
-is handed over by an experimenter, who first searches it for names of other people: ``avrgym study participant-data``.
+The host deletes the data when no session is running. Only then can the database erase all traces. An experimenter
+creates the copy with ``avrgym study participant-data``, and removes names of other people before sending it.
 """
 
 import threading
@@ -20,14 +20,14 @@ INTERVAL_S = 30.0
 
 
 def requested(store: Store, name: str) -> list[str]:
-    """Returns the pseudonyms of participants with a request of this name."""
+    """Returns the pseudonyms of participants with a request. ``name``: name of the request's event."""
     with store.database.read_transaction() as connection:
         numbers = {each.participant for each in find_rows(connection, StudyEvent, name=name)}
     return [pseudonym_of(number) for number in sorted(filter(None, numbers))]
 
 
 class RequestedDeletions:
-    """Context manager: a thread that deletes the data of participants who requested it, while no session runs."""
+    """Context manager: a thread that deletes data at the request of participants, while no session is running."""
 
     def __init__(self, store: Store, pool: SessionPool, interval_s: float = INTERVAL_S) -> None:
         self._store, self._pool, self._interval_s = store, pool, interval_s
@@ -49,7 +49,7 @@ class RequestedDeletions:
                 self.delete()
 
     def delete(self) -> None:
-        """Delete all requested data. What fails, for example in a busy database, is tried again later."""
+        """Delete all requested data. A failed deletion, for example in a locked database, is repeated later."""
         try:
             self._unfinished.update(requested(self._store, DELETION_REQUESTED))
         except StudyError:

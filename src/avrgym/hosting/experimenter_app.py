@@ -1,6 +1,6 @@
-"""Web application of the experimenter's server: all sessions, commands to them, and the study's participants.
+"""Web application of the experimenter's server: state of all sessions, commands to sessions, and participants.
 
-This server has its own port, and listens on a loopback address only. Each request needs an experimenter's token.
+This server has a separate port, and listens only on a loopback address. Each request needs an experimenter's token.
 """
 
 from collections.abc import Awaitable, Callable
@@ -33,19 +33,19 @@ COMMANDS: tuple[CommandName, ...] = ("stop", "pause", "continue", "end")
 
 
 class DoorChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Whether the study accepts new participants and sessions."""
+    """Request to open or close the study for new participants and sessions."""
 
     is_open: bool
 
 
 class NewMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A message to the participant of a session."""
+    """Request to show a message on the page of a session's participant."""
 
     text: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_LENGTH)]
 
 
 class CommandRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A command to a session."""
+    """Request to send a command to a session. The command is the last part of the route."""
 
 
 def experimenter_app(
@@ -118,7 +118,7 @@ def experimenter_app(
 
 
 def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str, Any]:
-    """Returns the state of the host and of all sessions, for the experimenter's page."""
+    """Returns the state of the host and of all sessions, as JSON values for the experimenter's page."""
     states = [each.state for each in store.participants()]
     return {
         "title": store.design.title,
@@ -134,7 +134,7 @@ def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str
 
 
 def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
-    """Returns the state of one session, with warnings."""
+    """Returns the state of one session with warnings, as JSON values."""
     report = session.report
     return {
         "id": session.id,
@@ -156,7 +156,7 @@ def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
 
 
 def warnings_of(session: HostedSession, max_held_share: float) -> list[str]:
-    """Returns what an experimenter should look at in a session."""
+    """Returns the warnings about a session: errors, crashes, lost connection, high latency and tracking loss."""
     report = session.report
     found = [report.problem] if report.problem else []
     if session.crashes:

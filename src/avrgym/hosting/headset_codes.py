@@ -1,7 +1,8 @@
-"""Short codes with which participants open their own page on a headset, which has no keyboard.
+"""Short codes that open a participant's page on a headset. A headset has no keyboard for a long link.
 
-A code has eight digits, and is valid once and for some minutes. With 100 valid codes and 60 wrong codes per minute
-for all addresses together, a guess succeeds after 8 days on average; each address may try far less.
+A code has eight digits, is valid for ``CODE_VALID_S``, and can be used once. Wrong codes are limited to 60 per minute
+over all addresses. With 100 valid codes, a random guess then succeeds after 8 days on average. The limit for a single
+address is lower.
 """
 
 import threading
@@ -16,7 +17,7 @@ MAX_WRONG_CODES_PER_MINUTE = 60
 
 
 class HeadsetCodes:
-    """The valid codes, each with the token that it opens. Thread-safe."""
+    """The valid codes, and the participant's token of each code. Thread-safe."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

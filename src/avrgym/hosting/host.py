@@ -29,7 +29,7 @@ LOCK_FILE = "host.lock"
 
 
 class Host:
-    """Context manager: a hosted study. ``store``: the open study. ``pool``: its sessions."""
+    """Context manager: a hosted study with both servers. ``store``: the open study. ``pool``: its sessions."""
 
     def __init__(
         self,
@@ -42,15 +42,15 @@ class Host:
         max_sessions: int | None = None,
         proxies: tuple[str, ...] = (),
     ) -> None:
-        """Bind both ports.
+        """Bind the ports of both servers.
 
         Args:
             store: the study.
-            address: the public address; default: that of the public port on this computer.
+            address: the public address; default: ``http://localhost`` with the public port.
             host: the address to listen on for participants.
-            port: the public port; 0 selects a free one.
+            port: the public port; 0 selects a free port.
             experimenter_port: the port of the experimenter's server, on a loopback address.
-            max_sessions: a limit in addition to the measured capacity.
+            max_sessions: a limit of concurrent sessions, in addition to the measured capacity.
             proxies: addresses of the reverse proxies that provide TLS.
 
         Raises:

@@ -1,8 +1,8 @@
 """Web application of the public server: the participant's page, its requests, and the pages of sessions.
 
-The page sends an invitation's token only in the body of a request, and the participant's own token as
-``Authorization: Bearer``. Therefore no token is in an address, a log or a cookie, and other pages cannot send requests
-in the participant's name. There is no page for experimenters on this server.
+The page sends an invitation's token in the body of a request, and the participant's token as ``Authorization: Bearer``.
+Addresses, logs and cookies therefore contain no tokens, and other pages cannot send requests for the participant. This
+server has no page for experimenters.
 """
 
 from collections.abc import Awaitable, Callable
@@ -61,8 +61,9 @@ from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
 BURST_PER_ADDRESS, REQUESTS_PER_MINUTE = 30, 30.0
-"""Limits of requests without a participant's token, by address. A household or an office may share an address."""
+"""Limits of requests without a participant's token, for each address. Several people may share an address."""
 BURST_PER_PARTICIPANT, PARTICIPANT_REQUESTS_PER_MINUTE = 60, 120.0
+"""Limits of requests with a participant's token, for each participant."""
 ACCEPTS_NEW = "this study accepts no new participants now"
 
 Token = Annotated[str, msgspec.Meta(max_length=128)]
@@ -71,15 +72,13 @@ Age = Annotated[int, msgspec.Meta(ge=0, le=130)]
 
 
 class GivenInvitation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The token of an invitation's link."""
+    """Request to read an invitation. ``token``: the token in the invitation's link."""
 
     token: Token
 
 
 class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to take part with an invitation. ``participant``, ``study``, ``session``: ids of a recruitment
-    service.
-    """
+    """Request to enrol with an invitation. ``participant``, ``study``, ``session``: ids of a recruitment service."""
 
     token: Token
     sex: Sex
@@ -91,7 +90,7 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ConsentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The decision about the shown consent text, with its version and checksum."""
+    """The participant's decision about the displayed consent text. ``version`` and ``sha256`` identify the text."""
 
     version: str
     sha256: str
@@ -109,14 +108,14 @@ class Confirmation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The digits of a code."""
+    """Request to use a headset code. ``code``: the digits; spaces are ignored."""
 
     code: Annotated[str, msgspec.Meta(max_length=40)]
 
 
 @dataclass(frozen=True)
 class ParticipantTokens(Tokens):
-    """The own tokens of participants. The shared tokens of ``Tokens`` open nothing here."""
+    """Tokens of participants. This server rejects the shared tokens of ``Tokens``."""
 
     store: Store
 
@@ -126,7 +125,7 @@ class ParticipantTokens(Tokens):
         return cls(**asdict(Tokens.new()), store=store)
 
     def client_of_token(self, token: str) -> AuthenticatedClient | None:
-        """Returns the participant with this token, with the pseudonym as the name; ``None`` for another token."""
+        """Returns the client with a participant's token; its name is the pseudonym. ``None`` for an invalid token."""
         try:
             pseudonym = participant_of_token(self.store, token)
         except StudyError:
@@ -136,7 +135,7 @@ class ParticipantTokens(Tokens):
 
 @dataclass(frozen=True)
 class Participation:
-    """What the requests of participants need."""
+    """The objects that handlers of participants' requests use. ``origin``: the public origin of the study."""
 
     store: Store
     settings: HostSettings
@@ -150,10 +149,10 @@ class Participation:
         return stage_of(self.store, self.settings, self.pool, pseudonym, is_open=self.state.is_open)
 
     def check_stage(self, pseudonym: str, *allowed: type[Stage]) -> Stage:
-        """Returns the stage. Raises ``StudyError`` if it is none of the allowed ones."""
+        """Returns the participant's stage. Raises ``StudyError`` if it is not in ``allowed``."""
         stage = self.stage(pseudonym)
         if not isinstance(stage, allowed):
-            raise StudyError("this step is not possible now; reload the page")
+            raise StudyError("this step is not possible now; reload the page to see the current step")
         return stage
 
 
@@ -218,11 +217,11 @@ ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any
     "deletion": (Confirmation, _request_deletion),
     "copy": (Confirmation, _request_copy),
 }
-"""Type of the request body and function of each action of a participant, by the last part of its route."""
+"""Actions of a participant: type of the request body and function, by the last part of the route."""
 
 
 class PublicOriginOnly:
-    """Middleware that rejects requests from pages of other origins. Programs send no origin header."""
+    """Middleware that rejects requests from pages of other origins. Requests without an origin header are allowed."""
 
     def __init__(self, app: ASGIApp, origins: frozenset[str]) -> None:
         self._app, self._origins = app, origins
@@ -248,7 +247,7 @@ def participant_app(
 
     Args:
         own: the study, its sessions and settings.
-        tokens: the own tokens of participants.
+        tokens: the tokens of participants.
         hosts: allowed host names of requests.
         origins: allowed origins of pages.
         proxies: addresses of reverse proxies, see ``client_address``.

@@ -9,14 +9,14 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 MAX_KEYS = 10_000
-"""Maximum number of stored addresses. Above it, the one that was seen longest ago is forgotten."""
+"""Maximum number of stored keys. Above it, the key with the oldest request is removed."""
 
 
 class RateLimits:
-    """Token buckets by key. Thread-safe."""
+    """Token bucket for each key (an address or a pseudonym). Thread-safe."""
 
     def __init__(self, burst: int, per_minute: float, clock: Callable[[], float] = time.monotonic) -> None:
-        """``burst``: maximum number of requests without a pause. ``per_minute``: maximum rate after it."""
+        """``burst``: maximum number of requests without a pause. ``per_minute``: maximum long-term rate."""
         self._burst, self._per_s, self._clock = float(burst), per_minute / 60.0, clock
         self._buckets: OrderedDict[str, tuple[float, float]] = OrderedDict()
         self._lock = threading.Lock()
@@ -35,10 +35,10 @@ class RateLimits:
 
 
 def client_address(scope: Scope, proxies: Iterable[str]) -> str:
-    """Returns the address of the client of a request.
+    """Returns the client's address of a request.
 
-    If the connection comes from one of the reverse ``proxies``, it is the last address in ``X-Forwarded-For`` that is
-    not a proxy. Clients can set all other addresses in this header.
+    If the connection comes from a reverse proxy in ``proxies``, the header ``X-Forwarded-For`` is used. The result is
+    the last address in this header that is not a proxy. Clients can forge all earlier addresses.
     """
     known = set(proxies)
     address = (scope.get("client") or ("",))[0]

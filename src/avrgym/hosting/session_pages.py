@@ -1,4 +1,4 @@
-"""Routes of the hosts' web servers for the pages of running sessions, their files, scenes and sounds."""
+"""Routes of the host's web servers for running sessions: pages, files, scenes and sounds."""
 
 from http.client import HTTPConnection
 from http.client import HTTPException as HttpError
@@ -14,9 +14,9 @@ SESSION_TIMEOUT_S = 30.0
 
 
 def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
-    """Add the routes of sessions: their page at ``path``, its files, and scenes and sounds of the session's server.
+    """Add the routes of sessions: the page at ``path``, its files, and the scenes and sounds of the session's server.
 
-    WebSockets are passed by ``tunnel``.
+    ``tunnel`` forwards the WebSockets.
     """
 
     def port_of(session_id: str) -> int:
@@ -25,7 +25,9 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
             raise HTTPException(404, "this session does not run")
         return session.port
 
-    app.get(f"/session/{{session_id}}/{path}")(page_endpoint(PAGE))  # it reports links of ended sessions
+    app.get(f"/session/{{session_id}}/{path}")(
+        page_endpoint(PAGE)
+    )  # the page also explains that a session has ended
 
     @app.get("/session/{session_id}/assets/{name}")
     async def session_file(session_id: str, name: str) -> Response:
@@ -49,7 +51,7 @@ PASSED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
 
 
 def _passed_on(port: int, path: str, request: Request) -> Response:
-    """Returns the response of a session's own server."""
+    """Returns the response of the session's server."""
     if not all(character.isalnum() or character in "/._-" for character in path):
         raise HTTPException(404, "no such file")
     headers = {name: request.headers[name] for name in PASSED_REQUEST_HEADERS if name in request.headers}

@@ -1,4 +1,4 @@
-"""Processes of the running sessions: they are started, watched, replaced after a crash, and ended at their deadline."""
+"""Processes of the running sessions: start, monitoring, replacement after a crash, and end at the deadline."""
 
 import multiprocessing
 import secrets
@@ -36,22 +36,29 @@ from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.session_links import new_link
 
 STEP_S = 0.2
+"""Maximum time between two checks of all processes."""
 WORKER_START_TIMEOUT_S = 120.0
 MAX_CRASHES = 5
-"""A session whose process has failed this often is not started again. The participant may start a new one."""
+"""After this number of crashes, the process of a session is not replaced. The participant can start a new session."""
 END_TIMEOUT_S = 60.0
-"""Time for the questions after the session, after its deadline. Then its process ends."""
+"""Time after the deadline for the questions after a session. Then its process ends."""
 ID_BYTES = 12
 SECONDS_PER_ITEM = 10.0
+"""Assumed time for an answer, used before any session was measured."""
 SECONDS_BEFORE_TRIALS = 180.0
-"""Assumed time for the headset check and calibration, for estimates before any session was measured."""
+"""Assumed time for headset check and calibration, used before any session was measured."""
 
 State = Literal["starting", "running", "ending"]
 
 
 @dataclass
 class HostedSession:
-    """One running session. ``id``: part of its address. ``link``: the participant's token, also after a crash."""
+    """A running session.
+
+    ``id``: part of the session's address. ``link``: the participant's token; it remains valid after a crash.
+    ``trials``: number of remaining trials at the start. ``report``: the latest report. ``absent_since_s``: time at
+    which the participant disconnected. ``ends_at_s``: time of the ordered end. ``error``: error before the start.
+    """
 
     id: str
     pseudonym: str
@@ -77,7 +84,7 @@ class HostedSession:
 
 @dataclass(frozen=True)
 class Place:
-    """A place on the waiting list. ``wait_s``: estimated waiting time."""
+    """A place on the waiting list. ``position``: number of earlier participants. ``wait_s``: estimated waiting time."""
 
     position: int
     wait_s: float
@@ -134,7 +141,7 @@ class SessionPool:
 
     @property
     def waiting(self) -> int:
-        """Number of participants who wait."""
+        """Number of waiting participants."""
         return len(self._waiting)
 
     def find(self, session_id: str) -> HostedSession | None:
@@ -147,11 +154,13 @@ class SessionPool:
             return next((each for each in self._sessions.values() if each.pseudonym == pseudonym), None)
 
     def error_of(self, pseudonym: str) -> str:
-        """Returns the reason why the latest session of a participant failed; empty otherwise."""
+        """Returns the error of the participant's latest session; empty if it did not fail."""
         return self._failed.get(pseudonym, "")
 
     def join(self, pseudonym: str) -> Place | None:
-        """Add a participant to the waiting list, or keep the place. Returns ``None`` if a session runs.
+        """Add a participant to the waiting list, or confirm that a waiting participant is present.
+
+        Returns the participant's place; ``None`` if a session of the participant is running.
 
         Raises:
             StudyError: if no trial remains.
@@ -168,7 +177,7 @@ class SessionPool:
             return self.place(pseudonym)
 
     def place(self, pseudonym: str) -> Place | None:
-        """Returns the place of a participant who waits; ``None`` for another participant."""
+        """Returns the participant's place on the waiting list; ``None`` if the participant does not wait."""
         with self._lock:
             if pseudonym not in self._waiting:
                 return None
@@ -185,16 +194,16 @@ class SessionPool:
             self._save()
 
     def command(self, session_id: str, name: CommandName) -> None:
-        """Send a command to a session. Raises ``StudyError`` without a running session of this id."""
+        """Send a command to a session. Raises ``StudyError`` if no session with this id is running."""
         self._send(session_id, SessionCommand(name))
 
     def message(self, session_id: str, text: str) -> None:
-        """Show a message on a participant's page. Raises ``StudyError`` without a running session of this id."""
+        """Show a message on a participant's page. Raises ``StudyError`` if no session with this id is running."""
         self._send(session_id, MessageToParticipant(text))
 
     @property
     def session_s(self) -> float:
-        """Estimated duration of a session: the median of the measured ones, or else computed from the design."""
+        """Estimated duration of a session: median of the measured sessions; before, computed from the design."""
         if self._durations_s:
             return statistics.median(self._durations_s)
         design = self._store.design
@@ -268,7 +277,7 @@ class SessionPool:
             self._save()
 
     def _receive(self, session: HostedSession) -> bool:
-        """Store the reports of a session. Returns whether it has ended as planned."""
+        """Read all messages of a session. Returns whether the session has ended without a crash."""
         with suppress(EOFError, OSError):
             while session.pipe.poll():
                 received: FromSession = session.pipe.recv()
@@ -290,7 +299,7 @@ class SessionPool:
         return False
 
     def _finish(self, session: HostedSession, now_s: float, *, ended: bool) -> None:
-        """Remove a session that has ended. Replace the process of one that has crashed."""
+        """Remove an ended session. Replace the process of a crashed session."""
         session.pipe.close()
         self.capacity.forget(session.id)
         if not ended:
@@ -328,7 +337,7 @@ class SessionPool:
             session.pipe.send(SessionCommand("end"))
 
     def _admit(self, now_s: float) -> None:
-        """Start the session of the participant who waits longest, if the capacity permits. One starts at a time."""
+        """Start the session of the first waiting participant, if the capacity permits. One session starts at a time."""
         if any(each.state == "starting" for each in self._sessions.values()):
             return
         pseudonym = self._waiting.next()
@@ -366,7 +375,7 @@ class SessionPool:
                 session.pipe.send(command)
 
     def _remaining_s(self, session: HostedSession, now_s: float) -> float:
-        """Estimated remaining time of a session, from its progress."""
+        """Returns the estimated remaining time of a session (s), from its progress."""
         elapsed_s = now_s - session.began_s
         report = session.report
         left = max(report.trials - report.trial + 1, 0) if report.trials else session.trials
@@ -376,7 +385,7 @@ class SessionPool:
 
 
 def _process_context() -> Any:
-    """Returns the context that starts processes: they are forked from a server that has imported the modules."""
+    """Returns the context that starts processes. Except on Windows, a server with imported modules forks them."""
     if sys.platform == "win32":
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")

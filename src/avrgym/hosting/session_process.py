@@ -1,7 +1,7 @@
-"""One participant's session in its own process, with the server and the session of ``avrgym serve``.
+"""A participant's session in a separate process, with the server of ``avrgym serve``.
 
-The process listens on a free loopback port. It reports its state to the host through a pipe once a second, and receives
-commands through the same pipe. It ends when the session has ended, or when the host closes the pipe.
+The process listens on a free loopback port. Once a second, it reports its state to the host through a pipe. It receives
+commands through the same pipe. It ends after the session, or when the host closes the pipe.
 """
 
 import signal
@@ -36,7 +36,10 @@ EARLIER_PROCESS_TIMEOUT_S = 60.0
 
 @dataclass(frozen=True)
 class SessionRequest:
-    """The session to run. ``link``: the token of the participant's page. ``headset_check``: check the headset first."""
+    """Request to run a session. ``link``: the token of the participant's page.
+
+    ``folder``: the study's folder. ``headset_check``: start with a headset check.
+    """
 
     folder: Path
     pseudonym: str
@@ -48,10 +51,11 @@ class SessionRequest:
 class Report:
     """The state of a running session.
 
-    ``port``: the loopback port of its server. ``seconds``: time since the start. ``cpu_share``: processor time of the
-    last second as a share of one core. ``missed_ticks``: ticks given up since the start. ``latency_ms``: median from
-    tracking to display, if known. ``untracked_share``: share of the time in trials in which a required body part was
-    not tracked. ``problem``: the latest message of an error to the experimenter.
+    ``port``: loopback port of the session's server. ``trial`` and ``trials``: number of the current trial, and number
+    of all trials. ``seconds``: time since the start. ``cpu_share``: load in the last second, as a share of one core.
+    ``missed_ticks``: number of missed ticks since the start. ``tick_ms``: median duration of a tick. ``latency_ms``:
+    median latency from tracking to display, if known. ``untracked_share``: share of the time in trials without tracking
+    of a required body part. ``problem``: latest error message to the experimenter.
     """
 
     port: int
@@ -71,37 +75,37 @@ class Report:
 
 @dataclass(frozen=True)
 class Ended:
-    """The session has ended, and its end is stored."""
+    """Message to the host: the session has ended, and its end is stored."""
 
 
 @dataclass(frozen=True)
 class SessionCommand:
-    """A command of an experimenter or of the host to the session."""
+    """Message to the session: a command of an experimenter or of the host."""
 
     name: CommandName
 
 
 @dataclass(frozen=True)
 class MessageToParticipant:
-    """A message that the participant's page shows."""
+    """Message to the session: a text to show on the participant's page."""
 
     text: str
 
 
 FromHost = SessionCommand | MessageToParticipant
 FromSession = Report | Ended | str
-"""A text is the error that prevents the start of the session."""
+"""Messages to the host. A text is the error that prevented the start of the session."""
 
 
 class ReportCollector:
-    """Collects the state of a session from its messages to clients."""
+    """Collects the state of a session from its messages to clients. ``latest``: the latest state."""
 
     def __init__(self) -> None:
         self.latest = Report(0)
         self._statuses = self._untracked = 0
 
     def wrap(self, send: Callable[[Message], None]) -> Callable[[Message], None]:
-        """Returns a function that sends a message, after its contents were collected."""
+        """Returns a function that collects the contents of a message, then calls ``send`` with it."""
 
         def observed(message: Message) -> None:
             self._collect(message)
@@ -136,7 +140,7 @@ class ReportCollector:
 
 
 def run_session(request: SessionRequest, pipe: Connection) -> None:
-    """Run a session until it has ended. An error before the start is sent through the pipe as text."""
+    """Run a session until its end. An error before the start is sent to the host as text."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the host receives the signals of the terminal
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     collector, links = ReportCollector(), SessionLinks()
@@ -185,7 +189,7 @@ def _watch(
     pipe: Connection,
     storing: Executor,
 ) -> None:
-    """Report the session's state and pass commands, until the session or the host has ended."""
+    """Report the session's state and execute commands, until the session or the host has ended."""
     began_s = reported_s = time.monotonic()
     used_s = time.process_time()
     pipe.send(replace(collector.latest, port=server.port))

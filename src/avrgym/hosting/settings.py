@@ -14,14 +14,14 @@ Minutes = Annotated[float, msgspec.Meta(gt=0, le=480)]
 
 
 class Ending(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What a participant gets at the end: a code, or the address of a page that opens. Both may be empty."""
+    """Last page of a participant: completion code, and address to which the page redirects. Both may be empty."""
 
     code: Line = ""
     redirect: Line = ""
 
 
 class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Names of a recruitment service's parameters in the link. Default: those of Prolific."""
+    """Names of the link parameters with ids of a recruitment service. Default: the names of Prolific."""
 
     participant: Line = "PROLIFIC_PID"
     study: Line = "STUDY_ID"
@@ -31,9 +31,9 @@ class Parameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class HostSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Settings of a hosted study.
 
-    ``session_minutes``: maximum duration of a session. ``absence_minutes``: a session ends if the participant is away
-    for this time. ``headset_check``: sessions begin with the headset check. ``completed``, ``screened_out``,
-    ``withdrawn``: the endings.
+    ``session_minutes``: maximum duration of a session. ``absence_minutes``: a session ends if the participant is
+    disconnected for this time. ``headset_check``: sessions start with a headset check. ``completed``, ``screened_out``
+    and ``withdrawn``: last page of a participant that completed the study, was excluded, or withdrew.
     """
 
     session_minutes: Minutes = 90.0

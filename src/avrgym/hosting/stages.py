@@ -1,4 +1,4 @@
-"""What a participant at home does next, computed from the study's database and the running sessions."""
+"""Stages of a participant at home: the next step, computed from the study's database and the running sessions."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -16,7 +16,7 @@ from avrgym.study.storage.store import Store, find_participant, find_rows, recor
 
 SAFETY_CONFIRMED = "safety confirmed"
 ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
-"""The ending of each final state of a participant; see ``HostSettings``."""
+"""Last page (a field of ``HostSettings``) by final state of a participant."""
 
 
 class ConsentStage(msgspec.Struct, frozen=True, tag="consent"):
@@ -39,9 +39,9 @@ class SafetyStage(msgspec.Struct, frozen=True, tag="safety"):
 
 
 class ReadyStage(msgspec.Struct, frozen=True, tag="ready"):
-    """The participant can start a session. ``minutes``: expected duration. ``problem``: why the latest one failed.
+    """The participant can start a session. ``minutes``: expected duration. ``trials``: number of remaining trials.
 
-    ``trials``: number of remaining trials. ``is_open``: whether the experimenter permits new sessions.
+    ``is_open``: whether the experimenter permits new sessions. ``problem``: error of the latest session, if any.
     """
 
     minutes: int
@@ -51,21 +51,24 @@ class ReadyStage(msgspec.Struct, frozen=True, tag="ready"):
 
 
 class WaitingStage(msgspec.Struct, frozen=True, tag="waiting"):
-    """The participant waits. ``ahead``: number of participants before. ``minutes``: estimated time, rounded up."""
+    """The participant waits for a session. ``ahead``: number of earlier participants. ``minutes``: estimated wait."""
 
     ahead: int
     minutes: int
 
 
 class SessionStage(msgspec.Struct, frozen=True, tag="session"):
-    """A session runs. ``path``: its page. ``token``: opens it."""
+    """A session is running. ``path``: address of its page. ``token``: token of the page."""
 
     path: str
     token: str
 
 
 class EndedStage(msgspec.Struct, frozen=True, tag="ended"):
-    """The study has ended for this participant. ``ending``: ``completed``, ``screened_out`` or ``withdrawn``."""
+    """The study has ended for this participant. ``ending``: ``completed``, ``screened_out`` or ``withdrawn``.
+
+    ``code`` and ``redirect``: see ``Ending``.
+    """
 
     ending: str
     code: str
@@ -81,7 +84,7 @@ def stage_of(
     """Returns the stage of a participant. ``is_open``: whether the experimenter permits new sessions.
 
     Raises:
-        StudyError: for a participant whose state is unknown after a loss of the database.
+        StudyError: if the participant's state is unknown after a loss of the database.
     """
     participant = store.participant(pseudonym)
     ending = ENDINGS.get(participant.state)
@@ -119,7 +122,7 @@ def _session_stage(
 
 
 def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
-    """Returns whether nothing remains, although the end of the session was not stored because its process crashed."""
+    """Returns whether no trial or question remains. The database does not contain this if the last process crashed."""
     has_questions = bool(store.design.items_at_moment("after_session")) and not pool.error_of(pseudonym)
     return not has_questions and not has_unfinished_trials(store, pseudonym)
 
@@ -130,7 +133,7 @@ def rounded_minutes(seconds: float) -> int:
 
 
 def has_confirmed_safety(store: Store, participant: Participant) -> bool:
-    """Returns whether the participant has confirmed the safety guide."""
+    """Returns whether the participant has confirmed that chair and room are prepared."""
     with store.database.read_transaction() as connection:
         return bool(find_rows(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED))
 
@@ -143,5 +146,5 @@ def record_participant_event(store: Store, pseudonym: str, name: str, detail: st
 
 
 def to_json(stage: Stage) -> dict[str, Any]:
-    """Returns the stage as JSON values; ``type`` is its name."""
+    """Returns the stage as JSON values. The value ``type`` is the name of the stage."""
     return msgspec.to_builtins(stage)

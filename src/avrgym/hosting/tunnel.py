@@ -1,10 +1,10 @@
-"""WebSockets between browsers and the processes of sessions, passed on as bytes.
+"""Forward WebSockets as bytes between browsers and the processes of sessions.
 
-A request to become a WebSocket at ``/session/ID/ws`` or ``/session/ID/watch`` is checked: its host, its origin, and the
-session's id. It is then repeated at the session's own server, and afterwards all bytes are copied in both directions.
-The session's server authenticates the client. All other requests are rejected by the web application.
+A browser requests a WebSocket at ``/session/ID/ws`` or ``/session/ID/watch``. The host checks the host header, the
+origin and the session's id. It sends the request to the session's server, and then copies all bytes in both directions.
+The session's server authenticates the client. The web application rejects all other requests.
 
-While the session's process starts, or is replaced after a crash, the tunnel waits for it.
+The tunnel waits while the session's process starts, or is replaced after a crash.
 """
 
 import asyncio
@@ -28,10 +28,10 @@ FORWARDED_HEADERS = (
     b"user-agent",
 )
 START_WAIT_S = 8.0
-"""Maximum waiting time for a session's process. The page gives up after 10 s, and connects again."""
+"""Maximum waiting time for a session's process. The page connects again after 10 s."""
 START_POLL_S = 0.1
 MAX_BUFFER_BYTES = 1 << 18
-"""Maximum number of waiting bytes in one direction. Above it, the other side is not read."""
+"""Maximum number of buffered bytes in one direction. Above it, reading from the other side pauses."""
 MAX_TUNNELS_PER_SESSION = 8
 
 
@@ -39,8 +39,8 @@ MAX_TUNNELS_PER_SESSION = 8
 class TunnelRules:
     """The rules of one web server.
 
-    ``channels``: the last parts of allowed paths. ``origins``: allowed origins of pages; programs send none.
-    ``hosts``: allowed host headers. ``role``: the role of the connections, for the limits on connections.
+    ``channels``: the last parts of allowed paths. ``origins``: allowed origins of pages; requests without an origin
+    are allowed. ``hosts``: allowed host headers. ``role``: role of all clients, for the connection limits.
     """
 
     pool: SessionPool
@@ -52,14 +52,14 @@ class TunnelRules:
 
 
 class Tunnels:
-    """Creates the protocols of connections that become WebSockets, and counts the tunnels of each session."""
+    """Creates the protocols of connections that request a WebSocket, and counts the tunnels of each session."""
 
     def __init__(self, rules: TunnelRules) -> None:
         self.rules = rules
         self._open: dict[str, int] = {}
 
     def protocol(self, config: Any, server_state: Any, app_state: Any, **_: Any) -> asyncio.Protocol:
-        """Returns the protocol of one connection; called by uvicorn."""
+        """Returns the protocol of a new connection. Uvicorn calls this method."""
         return _Upgrade(
             self,
             server_state.connections,
@@ -67,20 +67,20 @@ class Tunnels:
         )
 
     def begin(self, session_id: str) -> bool:
-        """Count one more tunnel. Returns whether the session may have it."""
+        """Count a new tunnel of a session. Returns false if the session has too many tunnels."""
         if self._open.get(session_id, 0) >= MAX_TUNNELS_PER_SESSION:
             return False
         self._open[session_id] = self._open.get(session_id, 0) + 1
         return True
 
     def end(self, session_id: str) -> None:
-        """Count one tunnel less."""
+        """Subtract a closed tunnel of a session."""
         self._open[session_id] -= 1
         if not self._open[session_id]:
             del self._open[session_id]
 
     def target(self, request: bytes) -> tuple[str, str] | None:
-        """Returns the session's id and the channel of a valid request; ``None`` for another request."""
+        """Returns session id and channel of a valid request; ``None`` for an invalid request."""
         line, *fields = request.split(b"\r\n")
         match = PATH.fullmatch(line)
         if match is None:
@@ -96,13 +96,13 @@ class Tunnels:
 
 
 def headers_of(lines: list[bytes]) -> dict[bytes, bytes]:
-    """Returns the headers of a request by lower-case name. Of repeated headers, the last one."""
+    """Returns the headers of a request by lower-case name. If a header occurs several times, the last value is used."""
     pairs = (line.partition(b":") for line in lines if line)
     return {name.strip().lower(): value.strip() for name, _, value in pairs}
 
 
 class _Upgrade(asyncio.Protocol):
-    """A connection that becomes a WebSocket: a tunnel, or the application's protocol, which rejects it."""
+    """A connection that requests a WebSocket: a tunnel, or the web application's protocol for invalid requests."""
 
     def __init__(
         self, tunnels: Tunnels, connections: set[Any], make_other: Callable[[], asyncio.Protocol]
@@ -140,7 +140,7 @@ class _Upgrade(asyncio.Protocol):
 
 
 class _Tunnel(asyncio.Protocol):
-    """The browser's side of a tunnel. ``connections``: the server's open connections, which it closes at its end."""
+    """The browser's side of a tunnel. ``connections``: open connections, which the server closes when it stops."""
 
     def __init__(self, tunnels: Tunnels, connections: set[Any], session_id: str, channel: str) -> None:
         self._tunnels, self._connections = tunnels, connections
@@ -176,7 +176,7 @@ class _Tunnel(asyncio.Protocol):
             self._other.transport.close()
 
     def shutdown(self) -> None:
-        """Close the tunnel; called by uvicorn when the server stops."""
+        """Close the tunnel. Uvicorn calls this method when the server stops."""
         self.transport.close()
 
     def pause_writing(self) -> None:
@@ -245,7 +245,7 @@ class _SessionSide(asyncio.Protocol):
 
 
 def _repeated(request: bytes, channel: str, port: int) -> bytes:
-    """Returns the request for the session's own server. Other headers, such as cookies, are removed."""
+    """Returns the request for the session's server. Only ``FORWARDED_HEADERS`` are copied; cookies are removed."""
     found = headers_of(request.split(b"\r\n")[1:])
     lines = [f"GET /{channel} HTTP/1.1".encode(), f"host: localhost:{port}".encode()]
     lines += [name + b": " + found[name] for name in FORWARDED_HEADERS if name in found]

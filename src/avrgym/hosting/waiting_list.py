@@ -1,14 +1,14 @@
-"""Participants who wait for a free session, in the order of their arrival, and their estimated waiting time."""
+"""Waiting list of participants for a free session, and their estimated waiting time."""
 
 import heapq
 from collections.abc import Sequence
 
 PRESENCE_TIMEOUT_S = 30.0
-"""A participant whose page has not asked for this time loses the place. The page asks every few seconds."""
+"""Participants without a request in this time are removed from the list. Pages send a request every few seconds."""
 
 
 class WaitingList:
-    """Participants in order of arrival."""
+    """Waiting participants in order of arrival."""
 
     def __init__(self) -> None:
         self._seen_s: dict[str, float] = {}
@@ -31,36 +31,36 @@ class WaitingList:
         return pseudonym in self._seen_s
 
     def join(self, pseudonym: str, now_s: float) -> None:
-        """Add a participant at the end, or note that a waiting participant is present."""
+        """Add a participant at the end, or confirm that a waiting participant is present."""
         self._seen_s[pseudonym] = now_s
         self._restored.discard(pseudonym)
 
     def leave(self, pseudonym: str) -> None:
-        """Remove a participant, if they wait."""
+        """Remove a participant. Participants that do not wait are ignored."""
         self._seen_s.pop(pseudonym, None)
 
     def position(self, pseudonym: str) -> int:
-        """Returns the number of participants before this one."""
+        """Returns the number of participants before this participant."""
         return list(self._seen_s).index(pseudonym)
 
     def remove_absent(self, now_s: float) -> None:
-        """Remove participants whose page is closed."""
+        """Remove participants without a request in the last ``PRESENCE_TIMEOUT_S``."""
         self._seen_s = {
             each: seen_s for each, seen_s in self._seen_s.items() if now_s - seen_s < PRESENCE_TIMEOUT_S
         }
 
     def next(self) -> str | None:
-        """Returns the present participant who waits longest; ``None`` if nobody waits."""
+        """Returns the first waiting participant that is present; ``None`` if there is none."""
         return next((each for each in self._seen_s if each not in self._restored), None)
 
 
 def estimate_wait_s(position: int, remaining_s: Sequence[float], session_s: float, sessions: int) -> float:
     """Returns the estimated time until a participant's session starts, in seconds.
 
-    Each place becomes free when its session ends; the participants before take the places in order.
+    When a session ends, the session of the next waiting participant starts.
 
     Args:
-        position: number of participants before.
+        position: number of participants before this participant.
         remaining_s: estimated remaining time of each running session.
         session_s: estimated duration of a session.
         sessions: number of sessions that can run concurrently.

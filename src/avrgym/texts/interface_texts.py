@@ -176,8 +176,8 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
     """Returns the texts in a language. Texts in the study's ``folder`` replace those of AVR Gym.
 
     Raises:
-        TextsError: for an unknown language, a missing or unknown text, or placeholders that differ from the English
-            text.
+        InvalidTextsError: for an unknown language, or a missing or unknown text. Also for placeholders that differ from
+            the English text.
     """
     if not LANGUAGE_TAG_PATTERN.fullmatch(language):
         raise InvalidTextsError(f"{language!r} is not a language tag; allowed: a tag such as en, de or pt-BR")

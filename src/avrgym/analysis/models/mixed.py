@@ -103,7 +103,7 @@ def fit_mixed_model(
             intercept. Covariates (n, k): random slopes with one common variance.
 
     Raises:
-        FitError: if effects or variances cannot be estimated from the values.
+        ModelFitError: if effects or variances cannot be estimated from the values.
     """
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:

@@ -58,7 +58,7 @@ def fit_ordinal_model(
         correction: the exponent in the correction of the covariance for few clusters.
 
     Raises:
-        FitError: if all answers are equal, an effect is unbounded, or one cluster alone determines an effect.
+        ModelFitError: if all answers are equal, an effect is unbounded, or one cluster alone determines an effect.
     """
     levels, answered = np.unique(np.asarray(values), return_inverse=True)
     if len(levels) < 2:

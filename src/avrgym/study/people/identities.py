@@ -30,8 +30,8 @@ def check_duplicate_enrolment(
         The text for the event about a confirmed duplicate; empty without duplicates.
 
     Raises:
-        PossibleDuplicate: if another participant has the same name or contact, unless ``confirmed``.
-        KeyUnavailable: if the identity file cannot be decrypted without its key.
+        PossibleDuplicateError: if another participant has the same name or contact, unless ``confirmed``.
+        KeyUnavailableError: if the identity file cannot be decrypted without its key.
     """
     if not identity.name and not identity.contact:
         return ""
@@ -91,7 +91,7 @@ def encrypt_names(store: Store, new_passphrase: Callable[[], str] | None = None)
     ``new_passphrase``: returns the new passphrase; default: a new key file is used.
 
     Raises:
-        KeyUnavailable: if the current key of encrypted names is missing.
+        KeyUnavailableError: if the current key of encrypted names is missing.
         StudyError: if the passphrase is too short, or if verification fails. Nothing is changed then.
     """
     identity_file.read_identities(store.folder)

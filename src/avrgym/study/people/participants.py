@@ -70,10 +70,10 @@ def enrol_participant(
     controllers.
 
     Raises:
-        PossibleDuplicate: if the person may be enrolled already, unless ``confirm_duplicate``.
+        PossibleDuplicateError: if the person may be enrolled already, unless ``confirm_duplicate``.
         StudyError: for an unknown body model or language, an impossible age, or an invalid name, contact or site. Also
             for a simulated participant with a name or contact.
-        KeyUnavailable: if a name or contact is given, and the key of the identity file is missing.
+        KeyUnavailableError: if a name or contact is given, and the key of the identity file is missing.
     """
     if sex not in SEXES:
         raise StudyError(f"unknown body model {sex!r}; allowed: {', '.join(SEXES)}")
@@ -120,9 +120,9 @@ def set_identity(
     """Store name and contact of a participant in the identity file.
 
     Raises:
-        PossibleDuplicate: if another participant has the same name or contact, unless ``confirm_duplicate``.
+        PossibleDuplicateError: if another participant has the same name or contact, unless ``confirm_duplicate``.
         StudyError: for an invalid name or contact.
-        KeyUnavailable: if the key of the identity file is missing.
+        KeyUnavailableError: if the key of the identity file is missing.
     """
     _check_identity(name, contact)
     identity = identity_file.Identity(name, contact)

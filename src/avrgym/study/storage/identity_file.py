@@ -83,7 +83,7 @@ def decrypt_identities(folder: Path, file: IdentityFile) -> dict[str, Identity]:
     """Returns the decrypted identities, by pseudonym.
 
     Raises:
-        KeyUnavailable: if the key is missing or wrong.
+        KeyUnavailableError: if the key is missing or wrong.
         StudyError: if an entry was changed.
     """
     key = _checked(folder, file)
@@ -91,7 +91,7 @@ def decrypt_identities(folder: Path, file: IdentityFile) -> dict[str, Identity]:
 
 
 def with_entry(folder: Path, file: IdentityFile, pseudonym: str, identity: Identity) -> IdentityFile:
-    """Returns the file's contents with an added or replaced entry. Raises the errors of ``decrypt``."""
+    """Returns the file's contents with an added or replaced entry. Raises the errors of ``decrypt_identities``."""
     key = _checked(folder, file)
     return msgspec.structs.replace(
         file, entries=file.entries | {pseudonym: _encrypt(key, pseudonym, identity)}
@@ -179,7 +179,7 @@ def read_identities(folder: Path) -> dict[str, Identity]:
     """Returns all identities, by pseudonym.
 
     Raises:
-        KeyUnavailable: if the key is missing or wrong.
+        KeyUnavailableError: if the key is missing or wrong.
         StudyError: if the file is damaged.
     """
     path = identity_path(folder)

@@ -69,7 +69,7 @@ def load_key(folder: Path, source: KeySource, *, create: bool = False) -> bytes:
     """Returns the key (32 bytes). With ``create``, a missing key file is created.
 
     Raises:
-        KeyUnavailable: if the passphrase or the key file is missing.
+        KeyUnavailableError: if the passphrase or the key file is missing.
     """
     if source.kind == "file":
         return _from_file(folder, key_file_path(source), create=create)
