@@ -355,7 +355,7 @@ def test_a_browser_keeps_no_scene_of_an_earlier_start() -> None:
             return glb
 
         loop: Any = SimpleNamespace(session=SimpleNamespace(scenes=[("avrgym/FeedingJaco-v1", None)]))
-        renderer: Any = SimpleNamespace(glb=render)
+        renderer: Any = SimpleNamespace(wait_for_glb=render)
         nothing: Any = None
         return httpx.ASGITransport(
             create_app(loop, nothing, tokens, nothing, ["localhost"], renderer, nothing)

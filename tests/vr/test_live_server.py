@@ -729,9 +729,9 @@ def test_only_the_newest_scenes_are_cached(rendering: Rendering) -> None:
 
 ORPHAN = """
 import os, time
-from avrgym.vr.scene.export_process import export_process
+from avrgym.vr.scene.export_process import make_export_pool
 if __name__ == "__main__":
-    print(export_process().submit(os.getpid).result(), flush=True)
+    print(make_export_pool().submit(os.getpid).result(), flush=True)
     time.sleep(100)
 """
 
