@@ -1,6 +1,8 @@
 """Pages agree with the program: links, environments, rewards, commands, files and the paper's claims."""
 
 import re
+import subprocess
+import sys
 from collections import Counter
 from dataclasses import fields
 from pathlib import Path
@@ -107,6 +109,23 @@ def words() -> set[str]:
 
 def _path(name: str) -> Path:
     return ROOT / name if name.split("/")[0] in FOLDERS else ROOT / "src" / "avrgym" / name
+
+
+@pytest.mark.slow
+def test_code_on_pages_has_correct_types(tmp_path):
+    for document in DOCUMENTS:
+        code = [
+            block.text
+            for block in blocks(document)
+            if block.language == "python" and "--8<--" not in block.text
+        ]
+        file = tmp_path / f"{name_of(document).replace('/', '-')}.py"
+        file.write_text(
+            "\n".join(["# pyright: reportOptionalMemberAccess=false, reportUndefinedVariable=false", *code])
+        )
+    command = [Path(sys.executable).with_name("pyright"), "--pythonpath", sys.executable, tmp_path]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stdout
 
 
 def test_every_environment_has_a_picture():

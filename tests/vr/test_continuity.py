@@ -139,7 +139,7 @@ def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
         client.await_message(StateChange)
         if not answers_pings:
             client._socket.send_data = lambda: None
-        await_that(lambda: server.session.phase in ("paused", "waiting"))
+        await_that(lambda: server.session.phase_name in ("paused", "waiting"))
         recording = read_recording(server.session.recordings[-1])
     steps = [topic for topic, _, record in recording.messages if topic == "/physics" or is_applied(record)]
     driven_s = TICK_S * (steps[::-1].index("/tracking") - 1)

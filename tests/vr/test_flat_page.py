@@ -74,7 +74,7 @@ def test_the_stop_button_works_and_texts_mention_no_triggers(
     page = opened_page(browser, server.participant_url)
     play(page, server)
     page.get_by_role("button", name="Stop the robot").dispatch_event("pointerdown")
-    wait_until(lambda: server.session.phase == "paused")
+    wait_until(lambda: server.session.phase_name == "paused")
     page.get_by_text("Choose Go on to repeat the trial").wait_for()
     assert page.get_by_role("button", name="Stop the robot").count() == 0
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
@@ -191,10 +191,10 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
             chooser.choose("21", done)
 
     chooser.choose("Play without a headset", lambda: shows("Leave the scene"))
-    while server.session.phase in (*SEATING, "ready"):
-        check(server.session.phase)
-        before = server.session.phase
-        chooser.choose("Go on", lambda before=before: server.session.phase != before)
+    while server.session.phase_name in (*SEATING, "ready"):
+        check(server.session.phase_name)
+        before = server.session.phase_name
+        chooser.choose("Go on", lambda before=before: server.session.phase_name != before)
     page.get_by_text(QUESTIONS[0].text).wait_for()
     check("buttons")
     chooser.choose("6", lambda: shows(QUESTIONS[1].text))
@@ -216,7 +216,7 @@ def play(page: Page, server: LiveServer) -> None:
     assert page.get_by_role("main").count() == page.get_by_role("region", name="The scene").count() == 1
     page.get_by_role("button", name="Play without a headset").click()
     page.get_by_text("Then choose Go on").wait_for()
-    while server.session.phase in SEATING:
+    while server.session.phase_name in SEATING:
         if page.get_by_role("button", name="Go on").is_visible():
             page.keyboard.press("Enter")
         page.wait_for_timeout(300.0)

@@ -194,7 +194,7 @@ def test_no_message_and_no_tick_leads_where_no_annotation_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Thousands of messages at random; every phase is seen, and every method's outcome compared."""
-    monkeypatch.setattr(ReachMeasurement, "seconds", 0.1)
+    monkeypatch.setattr(ReachMeasurement, "time_limit_s", 0.1)
     allowed = {(phase, step): followers(phase, step) for phase in PHASES for step in STEPS}
     seen: set[type[Phase]] = set()
 
