@@ -30,6 +30,7 @@ interface View {
   missed_share: number;
   waiting: number;
   participants: Record<string, number>;
+  problems: string[];
   copies_requested: string[];
   sessions: Session[];
 }
@@ -79,6 +80,7 @@ class HostPage {
       ...states,
       ...(view.copies_requested.length ? [`copies of data requested: ${view.copies_requested.join(", ")}`] : []),
     ].join(" · ");
+    element("problems").replaceChildren(...view.problems.map((each) => createElement("li", each)));
     element("door-words").textContent = view.is_open
       ? "The study accepts participants and starts sessions."
       : "The door is closed: no new participants and no new sessions. Running sessions continue.";

@@ -27,6 +27,7 @@ from avrgym.people.people_file import FittedStudy, PeopleFile, TorsoHeights, Val
 from avrgym.recording.reader import Recording
 from avrgym.study.checking.tracking_loss import describe_excess_loss
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_atomically
@@ -97,6 +98,7 @@ def fit_people(
         StudyError: if the folder contains no study, or fewer than two participants have usable trials.
     """
     with Store(folder) as store:
+        fetch_recordings(store)
         attempts = [each for each in completed_attempts(store) if not each.trial.practice]
         simulated = all(each.participant.simulated for each in attempts)
         chosen = [each for each in attempts if each.participant.simulated == simulated]

@@ -17,6 +17,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.study.export.trials import completed_attempts
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_atomically
@@ -68,6 +69,7 @@ def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[Rewar
     Raises:
         StudyError: if a recording is missing or damaged, or no task has comparisons of at least three participants.
     """
+    fetch_recordings(store)
     simulated, trials = _rated_trials(store, items)
     by_task: dict[str, list[RatedTrial]] = {}
     for trial in trials:

@@ -74,6 +74,7 @@ from avrgym.study.export.scores import uses_instruments
 from avrgym.study.storage.analysis_files import ANALYSIS_FORMAT
 from avrgym.study.storage.data_loss import describe_data_loss
 from avrgym.study.storage.item_versions import AnsweredItems
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.session_designs import SessionDesign, designs_from_recordings
 from avrgym.study.storage.store import Store
 from avrgym.system.random_streams import TRAINING_POPULATION_SEED
@@ -234,6 +235,7 @@ def analyse_study(
     skip_damaged: bool = False,
 ) -> StudyAnalysis:
     """Returns the analysis of a study in its current state. Arguments and errors are those of ``read_study_data``."""
+    fetch_recordings(store)
     answered_items = AnsweredItems(store)
     design = answered_items.design
     observed = read_study_data(store, progress, skip_damaged=skip_damaged, answered_items=answered_items)

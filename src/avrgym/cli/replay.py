@@ -130,9 +130,23 @@ def _read(file: Path) -> "Recording":
 
     if file.is_dir():
         raise ValueError(f"{file}: a folder; {RECORDINGS_HINT}")
+    if not file.is_file():
+        _fetch(file)
     recording = read_recording(file)
     print_line(f"{title(recording)}, {recording.result or 'interrupted'} after {recording.duration_s:.2f} s")
     return recording
+
+
+def _fetch(file: Path) -> None:
+    """Download a recording of a study that is only in the study's object store."""
+    folder = file.absolute().parents[3] if len(file.absolute().parents) > 3 else file
+    if not (folder / "study.toml").is_file():
+        return
+    from avrgym.study.storage.remote_recordings import fetch_recordings
+    from avrgym.study.storage.store import Store
+
+    with Store(folder) as store:
+        fetch_recordings(store, file.parent.parent.name)
 
 
 @contextmanager

@@ -218,6 +218,7 @@ def _serve_study(
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.study.sessions.threads import StorageThread
     from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
+    from avrgym.study.storage.remote_recordings import RecordingUploads
     from avrgym.study.storage.store import Store
     from avrgym.vr.server.live_server import LiveServer
     from avrgym.vr.server.session_links import SessionLinks
@@ -229,6 +230,7 @@ def _serve_study(
         nullcontext(session_links(store)) as links,
         nullcontext(SessionLinks()) as caregiver_links,
         log_start_and_end(store, "start server", "stop server"),
+        RecordingUploads(store, print_warning),
         StorageThread() as storing,
         ExperimenterTokens(store) as experimenters,
         _streams(store.design.streams) as streams,

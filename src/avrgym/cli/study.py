@@ -40,6 +40,7 @@ from avrgym.cli.terminal import (
     confirm,
     print_line,
     print_table,
+    print_warning,
     report_errors,
     write_json,
 )
@@ -331,6 +332,7 @@ def simulate(
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study
+    from avrgym.study.storage.remote_recordings import RecordingUploads
     from avrgym.study.storage.store import Store
 
     with report_errors():
@@ -340,7 +342,7 @@ def simulate(
             progress_bar("simulating", unit="trials", stopped=CONTINUE_HINT) as bar,
         ):
             simulate_study(folder, participants, seed, bar.update, jobs, people, impairment, workers)
-        with Store(folder) as store:
+        with Store(folder) as store, RecordingUploads(store, print_warning):
             log_command(store, "simulate", detail=f"{participants} participants, seed {seed}")
             summary = summarise_study(store)
         write_json(json_file, asdict(summary))

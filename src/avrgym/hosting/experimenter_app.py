@@ -128,6 +128,7 @@ def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str
         "missed_share": pool.capacity.missed_share,
         "waiting": pool.waiting,
         "participants": {state: states.count(state) for state in PARTICIPANT_TRANSITIONS if state in states},
+        "problems": [store.object_store.problem] if store.object_store and store.object_store.problem else [],
         "copies_requested": requested(store, COPY_REQUESTED),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }

@@ -15,6 +15,7 @@ from avrgym.hosting.tunnel import TunnelRules, Tunnels
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
+from avrgym.study.storage.remote_recordings import RecordingUploads
 from avrgym.study.storage.store import Store
 from avrgym.system.files import make_private_folder
 from avrgym.system.locks import lock_folder
@@ -109,6 +110,7 @@ class Host:
         self._open.enter_context(self._experimenters)
         self._open.enter_context(self.pool)
         self._open.enter_context(RequestedDeletions(self.store, self.pool))
+        self._open.enter_context(RecordingUploads(self.store))
         for server in (self._public, self._experimenter):
             server.start()
             self._open.callback(server.stop)

@@ -100,6 +100,14 @@ def restrict_to_owner(path: Path) -> None:
         each.chmod(each.stat().st_mode & ~_OTHERS)
 
 
+def remove_folder(path: Path) -> None:
+    """Remove a folder with its contents, if it exists. If it is a symbolic link, only the link is removed."""
+    if path.is_symlink():
+        path.unlink()
+    elif path.exists():
+        shutil.rmtree(path)
+
+
 def exposed_paths(path: Path) -> Iterator[Path]:
     """Yields those paths on which other users have permissions: ``path`` and, for a folder, its contents.
 

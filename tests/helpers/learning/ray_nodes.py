@@ -1,7 +1,6 @@
 """A Ray cluster with several nodes on this machine."""
 
 import os
-import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from helpers.system.paths import TESTS
+from helpers.system.processes import free_port
 
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
@@ -25,7 +25,7 @@ _PORTS = (
 
 def add_node(nodes: Any, cores: int) -> Any:
     """Add a node with free ports."""
-    return nodes.add_node(num_cpus=cores, include_dashboard=False, **{name: _free_port() for name in _PORTS})
+    return nodes.add_node(num_cpus=cores, include_dashboard=False, **{name: free_port() for name in _PORTS})
 
 
 @contextmanager
@@ -70,9 +70,3 @@ def process_and_node() -> tuple[int, str]:
 def raise_error(number: int) -> None:
     """Raise ``ValueError``."""
     raise ValueError(f"{number} is refused")
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

@@ -3,6 +3,7 @@
 import ctypes
 import re
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -52,3 +53,10 @@ def running_server(study: Path, *options: str, limits: tuple[str, ...] = ()) -> 
             yield RunningServer(process, participant, dashboard)
         finally:
             process.kill()
+
+
+def free_port() -> int:
+    """Return a free port of this computer."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

@@ -29,6 +29,7 @@ from avrgym.study.storage.answers import (
     items_answered_in_visit,
 )
 from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE, recording_sha256
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.rows import (
     RECORDINGS,
     Participant,
@@ -49,7 +50,7 @@ _MAX_LISTED = 3
 
 
 def check_study(store: Store) -> list[Finding]:
-    """Returns the findings of all checks of a study. Nothing is changed."""
+    """Returns the findings of all checks of a study. Only recordings in the object store are downloaded."""
     findings: list[Finding] = []
     for check in STUDY_CHECKS:
         try:
@@ -58,6 +59,14 @@ def check_study(store: Store) -> list[Finding]:
             finding = Finding("database", str(error))
             findings += [finding] if finding not in findings else []
     return findings
+
+
+def check_object_store(store: Store) -> Iterator[Finding]:
+    """Download recordings that are only in the object store. Yields a finding if it cannot be used."""
+    try:
+        fetch_recordings(store)
+    except StudyError as error:
+        yield Finding("recordings", str(error))
 
 
 def check_participants(store: Store) -> Iterator[Finding]:
@@ -314,6 +323,7 @@ def _files(store: Store) -> list[str]:
 
 
 STUDY_CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
+    check_object_store,
     check_database,
     check_policy_loading,
     check_used_policies,

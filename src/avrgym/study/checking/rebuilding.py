@@ -27,6 +27,7 @@ from avrgym.study.storage.database import FILE, database_url
 from avrgym.study.storage.integrity_files import IntegrityFiles
 from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, DELETED_STATE, EntryContent
 from avrgym.study.storage.reconciliation import participant_row_values
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION, StudyError
@@ -99,6 +100,7 @@ def rebuild_study(folder: Path) -> RebuildSummary:
     _refuse_if_present(folder)
     IntegrityFiles(folder, FILE).remove_all()
     with Store(folder, rebuild=True) as store:
+        fetch_recordings(store)
         rebuilding = _Rebuilding(store)
         with store.database.write_transaction() as connection:
             rebuilding.rebuild(connection)

@@ -47,11 +47,12 @@ FIELDS_FIXED_AFTER_ALLOCATION = (
     "seed", "tasks", "robots", "policies", "practice_policy", "trial_steps", "settings", "conditions"
 )  # fmt: skip
 """Fields that must not change after the first participant was allocated to an order."""
-SITE_SPECIFIC_FIELDS = ("site", "database", "retention")
+SITE_SPECIFIC_FIELDS = ("site", "database", "recordings", "retention")
 """Fields that may differ between the sites of a study."""
 
 InstructionText = Annotated[str, msgspec.Meta(min_length=1, max_length=160)]
 NonEmptyNames = Annotated[tuple[str, ...], msgspec.Meta(min_length=1, max_length=8)]
+OBJECT_STORE_URL = re.compile(r"s3://[a-z0-9][a-z0-9.-]{2,62}(/[A-Za-z0-9._-]+)*/?")
 _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
@@ -72,6 +73,14 @@ class InclusionQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
 class DatabaseConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The study's database. If ``url`` is empty, the database is the file ``study.db`` in the study's folder."""
+
+    url: str = ""
+
+
+class RecordingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The object store with copies of the study's recordings, ``s3://BUCKET/FOLDER``. If ``url`` is empty, recordings
+    are only in the study's folder.
+    """
 
     url: str = ""
 
@@ -153,6 +162,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     reporting: Reporting = Reporting()
     retention: Retention = Retention()
     database: DatabaseConfig = DatabaseConfig()
+    recordings: RecordingsConfig = RecordingsConfig()
 
     @property
     def robot_policy_pairs(self) -> tuple[tuple[str, str], ...]:
@@ -283,6 +293,7 @@ def _check(design: Design, folder: Path) -> None:
     _check_streams(design.streams)
     _check_inclusion(design.inclusion)
     _check_database(design.database.url)
+    _check_object_store(design.recordings.url)
     check_retention(design.retention)
     check_translations(design, folder)
 
@@ -350,6 +361,13 @@ def _check_database(url: str) -> None:
         )
 
 
+def _check_object_store(url: str) -> None:
+    if url and not OBJECT_STORE_URL.fullmatch(url):
+        raise ValidationError(
+            ("recordings", "url"), 'not an address of an object store; allowed: "" or s3://bucket/folder'
+        )
+
+
 _TABLES: StructByKeyPath = {
     ("consent",): Consent,
     ("inclusion",): InclusionQuestion,
@@ -357,6 +375,7 @@ _TABLES: StructByKeyPath = {
     ("questionnaires", "items"): Item,
     ("stop_rules",): StopRule,
     ("database",): DatabaseConfig,
+    ("recordings",): RecordingsConfig,
     ("furniture",): RealFurniture,
     ("settings",): Settings,
     ("sessions",): SessionRules,

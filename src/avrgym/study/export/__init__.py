@@ -8,6 +8,7 @@ from pathlib import Path
 from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions
 from avrgym.study.export.trials import ExportedAttempt, OmittedAttempt, completed_attempts, verify_attempts
 from avrgym.study.storage.data_loss import describe_data_loss
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_folder_atomically
@@ -75,6 +76,7 @@ def export_study(
         raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(FORMATS_WITH_IMAGES)}")
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise StudyError(f"{out} is not empty; choose another folder")
+    fetch_recordings(store)
     write = _writer(data_format)
     if data_format in FORMATS_WITH_RECORDS:
         write = partial(write, extras=extras)

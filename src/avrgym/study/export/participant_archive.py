@@ -26,6 +26,7 @@ from avrgym.study.export.tables import item_rows, participant_tables, write_cons
 from avrgym.study.export.trials import attempts_of
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.item_versions import AnsweredItems
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.rows import RECORDINGS, Participant
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -71,6 +72,7 @@ def write_participant_archive(store: Store, pseudonym: str, path: Path) -> int:
     person = store.participant(pseudonym)
     if path.exists():
         raise StudyError(f"{path} exists already; choose another file")
+    fetch_recordings(store, pseudonym)
     with TemporaryDirectory(prefix=".avrgym-", dir=path.parent) as temporary:
         folder = Path(temporary) / "files"
         folder.mkdir()

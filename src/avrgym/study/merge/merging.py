@@ -43,6 +43,7 @@ from avrgym.study.plan.timestamps import REGISTRATION_FILE, TIME_STAMP_FILE
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
 from avrgym.study.storage.database import FILE as DATABASE
+from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE
 from avrgym.study.storage.rows import RECORDINGS, DeletedParticipant, Site, pseudonym_of
 from avrgym.study.storage.sites import (
     OMITTED_RECORDING_EVENT,
@@ -190,6 +191,11 @@ def _check_places(folders: Sequence[Path], out: Path) -> None:
             f"{DATABASE_URL_VARIABLE} is set and would replace the database of each site: unset it, and set "
             f"`url` under "
             "[database] in the study.toml of a site that uses PostgreSQL (its password in ~/.pgpass)"
+        )
+    if os.environ.get(OBJECT_STORE_VARIABLE):
+        raise StudyError(
+            f"{OBJECT_STORE_VARIABLE} is set and would replace the object store of each site: unset it, and set `url` "
+            "under [recordings] in the study.toml of each site that uses an object store"
         )
     for folder in folders:
         if out.resolve().is_relative_to(folder.resolve()):

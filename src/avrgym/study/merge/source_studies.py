@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from avrgym.study.design.validation import NAME_PATTERN
 from avrgym.study.storage import hash_chain, schema
+from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.rows import Participant, Site, pseudonym_of
 from avrgym.study.storage.sites import PARTICIPANTS_PER_SITE, site_number_of
 from avrgym.study.storage.states import StudyError
@@ -74,6 +75,7 @@ def read_site_study(store: Store) -> SiteStudy:
         raise StudyError(
             f"nothing was merged: {store.folder}: {where} {what}; run `avrgym study check {store.folder}`"
         )
+    fetch_recordings(store)
     with store.database.read_transaction() as connection:
         rows = {table.name: _rows(connection, table) for table in MERGED_TABLES}
         source = SiteStudy(name, store, rows, hash_chain.chain_head(connection))

@@ -1,14 +1,12 @@
 """Delete the data of one participant. Data of other participants are not changed."""
 
-import shutil
-
 import sqlalchemy as sa
 
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER, remove_analysis
 from avrgym.study.storage.database import BACKUP_FOLDER
+from avrgym.study.storage.remote_recordings import remove_recordings
 from avrgym.study.storage.rows import (
-    RECORDINGS,
     DeletedParticipant,
     InvitationUse,
     Participant,
@@ -20,6 +18,7 @@ from avrgym.study.storage.sessions import may_be_running
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, find_rows
 from avrgym.study.storage.study_folder import used_participant_numbers
+from avrgym.system.files import remove_folder
 
 
 def delete_participant(store: Store, pseudonym: str) -> None:
@@ -45,8 +44,8 @@ def delete_participant(store: Store, pseudonym: str) -> None:
         identity_file.remove_identity(store.folder, pseudonym)
     with store.database.write_transaction():
         store.database.participation.erase_participant(number)
-    _remove(store, f"{RECORDINGS}/{pseudonym}")
-    _remove(store, BACKUP_FOLDER)
+    remove_recordings(store, pseudonym)
+    remove_folder(store.folder / BACKUP_FOLDER)
     remove_analysis(store.folder / ANALYSIS_FOLDER)
     store.database.erase_deleted_data()
 
@@ -89,12 +88,3 @@ def _delete_rows(store: Store, connection: sa.Connection, pseudonym: str) -> boo
     ):
         hash_chain.delete(connection, table, condition)
     return participant.simulated
-
-
-def _remove(store: Store, name: str) -> None:
-    """Remove a folder of the study. If the folder is a symbolic link, only the link is removed."""
-    path = store.folder / name
-    if path.is_symlink():
-        path.unlink()
-    elif path.exists():
-        shutil.rmtree(path)

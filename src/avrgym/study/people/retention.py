@@ -1,6 +1,5 @@
 """Scheduled deletion of data of people after the end of the retention period."""
 
-import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -8,6 +7,7 @@ from datetime import UTC, date, datetime
 from avrgym.study.design.retention import ALL_DATA, IDENTITIES, RECORDINGS
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.storage import identity_file
+from avrgym.study.storage.remote_recordings import remove_recordings
 from avrgym.study.storage.rows import RECORDINGS as FOLDER
 from avrgym.study.storage.rows import StudyEvent, participant_number
 from avrgym.study.storage.states import StudyError
@@ -45,7 +45,7 @@ def scheduled_deletions(store: Store) -> list[ScheduledDeletion]:
     known = identity_file.pseudonyms_with_identity(store.folder)
     present = {
         IDENTITIES: [name for name in people if name in known],
-        RECORDINGS: [name for name in people if (store.folder / FOLDER / name).exists()],
+        RECORDINGS: [name for name in people if _has_recordings(store, name)],
         ALL_DATA: people,
     }
     return [
@@ -111,11 +111,16 @@ def _delete(store: Store, kind: str, pseudonym: str) -> None:
         record_event(connection, DELETION_EVENTS[kind], "", {"participant": participant_number(pseudonym)})
         if kind == IDENTITIES:
             identity_file.remove_identity(store.folder, pseudonym)
-    folder = store.folder / FOLDER / pseudonym
-    if kind == RECORDINGS and folder.is_symlink():
-        folder.unlink()
-    elif kind == RECORDINGS:
-        shutil.rmtree(folder)
+    if kind == RECORDINGS:
+        remove_recordings(store, pseudonym)
+
+
+def _has_recordings(store: Store, pseudonym: str) -> bool:
+    """Returns whether recordings of a participant remain here, or may remain in the object store."""
+    if (store.folder / FOLDER / pseudonym).exists():
+        return True
+    is_deleted = participant_number(pseudonym) in recording_deletion_times(store)
+    return store.object_store is not None and not is_deleted and bool(store.attempts(pseudonym))
 
 
 def _check_ended(store: Store) -> None:

@@ -20,6 +20,7 @@ from avrgym.study.design.design import FILE, Design, default_design_text, read_d
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.database import FILE as DATABASE_FILE
 from avrgym.study.storage.database import Database, database_url
+from avrgym.study.storage.object_store import ObjectStore, open_object_store
 from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, ParticipationEntries
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.rows import (
@@ -95,16 +96,18 @@ def create_study(folder: Path) -> Path:
 class Store:
     """An open study. Its methods read rows; the packages ``people`` and ``sessions`` change rows.
 
-    ``folder``: the study's folder. ``station``: name of this computer. A study in a read-only folder can be read.
-    Methods are thread-safe.
+    ``folder``: the study's folder. ``station``: name of this computer. ``object_store``: contains copies of the
+    recordings; ``None`` if the study has none. ``is_temporary``: the folder is a temporary copy; the end of an attempt
+    is stored only after its recording was uploaded. A study in a read-only folder can be read. Methods are thread-safe.
     """
 
-    def __init__(self, folder: Path, *, rebuild: bool = False) -> None:
+    def __init__(self, folder: Path, *, rebuild: bool = False, temporary: bool = False) -> None:
         """Open the study in a folder.
 
         Args:
             folder: the study's folder.
             rebuild: create a new database even if an earlier one was lost.
+            temporary: see ``is_temporary``.
 
         Raises:
             DesignError: if ``study.toml`` is invalid.
@@ -115,6 +118,8 @@ class Store:
         self.folder = folder.resolve()
         self.station = socket.gethostname()
         self.design: Design = read_design(folder / FILE)
+        self.object_store: ObjectStore | None = open_object_store(self.design.recordings.url)
+        self.is_temporary = temporary
         url = database_url(self.design.database.url)
         self.database = Database(self.folder, url, read_only=not _can_write(self.folder), rebuild=rebuild)
         try:

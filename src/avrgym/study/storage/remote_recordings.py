@@ -1,0 +1,139 @@
+"""Copies of a study's recordings in its object store.
+
+A recording is complete in the study's folder before it is uploaded. The files of an attempt only grow: the longer copy
+is the newer one. Without an object store, the functions of this module do nothing.
+"""
+
+import re
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+import sqlalchemy as sa
+
+from avrgym.recording.answers_file import answers_path
+from avrgym.study.storage.object_store import ObjectStore
+from avrgym.study.storage.rows import RECORDINGS
+from avrgym.study.storage.schema import ATTEMPT_TABLE
+from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.store import Store
+from avrgym.system.files import remove_folder
+
+UPLOAD_INTERVAL_S = 3.0
+RETRY_DELAY_S = 2.0
+_NAME = re.compile(rf"{RECORDINGS}/sub-[0-9]{{3,9}}/ses-[0-9]+/[\w-]+\.(mcap|answers\.jsonl)")
+"""Files that are downloaded. Other names in the object store are ignored."""
+
+
+def fetch_recordings(store: Store, pseudonym: str = "") -> None:
+    """Download the recordings that are missing in the study's folder, and answers that were added elsewhere.
+
+    ``pseudonym``: download only recordings of this participant. Raises ``StudyError`` without a usable object store.
+    """
+    remote = store.object_store
+    if remote is None or store.database.read_only:
+        return
+    for name, size in remote.sizes(f"{RECORDINGS}/{pseudonym}").items():
+        if _NAME.fullmatch(name) and size > _size(store.folder / name):
+            remote.download(name, store.absolute_path(name))
+
+
+def upload_recording(store: Store, name: str, stopped: Callable[[], bool]) -> None:
+    """Upload the recording ``name`` and its answers. An error is repeated until the upload succeeds.
+
+    ``stopped``: returns whether to give up. Raises ``StudyError`` then.
+    """
+    while store.object_store is not None:
+        try:
+            for each in _files(name):
+                if (store.folder / each).is_file():
+                    store.object_store.upload(each, store.folder / each)
+            return
+        except StudyError:
+            if stopped():
+                raise
+            time.sleep(RETRY_DELAY_S)
+
+
+def remove_recordings(store: Store, pseudonym: str) -> None:
+    """Remove all recordings of a participant, first from the object store.
+
+    Raises ``StudyError`` if the object store cannot be used. Nothing is removed here then.
+    """
+    if store.object_store is not None:
+        store.object_store.delete(f"{RECORDINGS}/{pseudonym}/")
+    remove_folder(store.folder / RECORDINGS / pseudonym)
+
+
+class RecordingUploads:
+    """Context manager: a thread that uploads the recordings of ended attempts.
+
+    The context uploads the rest at its end. What cannot be uploaded then is uploaded by the next context of the study.
+    """
+
+    def __init__(self, store: Store, report: Callable[[str], None] = lambda problem: None) -> None:
+        """``report``: called with each new error, and with a message when uploads succeed again."""
+        self._store, self._report = store, report
+        self._uploaded: dict[str, int] | None = None
+        self._problem = ""
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="uploads", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self._store.object_store is not None:
+            self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._closed.set()
+        if self._store.object_store is not None:
+            self._thread.join()
+            self._try_upload(self._store.object_store)
+
+    def _run(self) -> None:
+        while self._store.object_store is not None and not self._closed.wait(UPLOAD_INTERVAL_S):
+            self._try_upload(self._store.object_store)
+
+    def _try_upload(self, remote: ObjectStore) -> None:
+        before = self._problem
+        try:
+            self.upload(remote)
+            self._problem = ""
+        except (StudyError, OSError) as error:
+            self._problem = str(error)
+        if self._problem != before:
+            self._report(self._problem or "recordings are uploaded again")
+
+    def upload(self, remote: ObjectStore) -> None:
+        """Upload all files that are longer than their copies. Raises ``StudyError`` after the first failure."""
+        if self._uploaded is None:
+            self._uploaded = remote.sizes(RECORDINGS)
+        for recording in _ended_recordings(self._store):
+            for name in _files(recording):
+                if _size(self._store.folder / name) > self._uploaded.get(name, -1):
+                    with suppress(FileNotFoundError):  # a deletion removed it
+                        self._uploaded[name] = remote.upload(name, self._store.absolute_path(name))
+
+
+def _ended_recordings(store: Store) -> list[str]:
+    table = ATTEMPT_TABLE
+    with store.database.read_transaction() as connection:
+        return list(
+            connection.execute(sa.select(table.c.recording).where(table.c.state != "running")).scalars()
+        )
+
+
+def _files(recording: str) -> tuple[str, str]:
+    """Returns the names of a recording and its answers file."""
+    return recording, answers_path(recording).as_posix()
+
+
+def _size(path: Path) -> int:
+    """Returns the size of a file in bytes; -1 if it does not exist."""
+    try:
+        return path.stat().st_size
+    except FileNotFoundError:
+        return -1
