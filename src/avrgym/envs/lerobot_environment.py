@@ -15,15 +15,15 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import instruction
 
 ENTRIES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
-"""Names of the entries of observations, by LeRobot's names of the features."""
+"""Names of the observation's entries for each of LeRobot's features."""
 LeRobotObservation = dict[str, Any]
 
 
 class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
     """Environment of one world in LeRobot's convention.
 
-    Observations are dictionaries of single precision: ``agent_pos`` is what the robot measures itself,
-    ``environment_state`` the rest of the observation, see ``state_features``. With cameras, ``pixels`` contains colour
+    Observations are dictionaries in single precision, see ``state_features``. ``agent_pos`` contains the values that
+    the robot measures itself. ``environment_state`` contains the other values. With cameras, ``pixels`` contains colour
     images such as ``wrist_rgb``. ``info`` also contains ``is_success``.
     """
 

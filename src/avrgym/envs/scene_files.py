@@ -34,7 +34,7 @@ def write_scene(episodes: Episodes, out: Path) -> None:
     """Write the scene of the first world at the start of its episode into a new folder.
 
     The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). The MJB file reproduces the
-    simulation bit for bit but contains no appearance. The MJCF file contains dynamics and appearance, with six
+    simulation bit for bit. It contains no visual geoms. The MJCF file contains dynamics and appearance, with six
     significant digits. In MJCF the person is less compliant, because MJCF cannot store the person's higher
     ``body_invweight0``.
 

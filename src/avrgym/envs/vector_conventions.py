@@ -95,7 +95,8 @@ def reset_mask(options: Mapping[str, Any] | None, count: int) -> BoolArray:
 
 
 def merge_steps(world_mask: BoolArray, some: StepOutcome, others: StepOutcome) -> StepOutcome:
-    """Returns a combination of two steps: ``some`` in the worlds of the mask ``world_mask`` (N,), else ``others``."""
+    """Returns a combination of two results: ``some`` in the worlds of the mask ``world_mask`` (N,), ``others``
+    elsewhere."""
     terms = {
         name: _where(world_mask, term, others.reward_terms[name]) for name, term in some.reward_terms.items()
     }

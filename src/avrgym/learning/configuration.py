@@ -58,7 +58,7 @@ class JointTrainingSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainingConfiguration:
-    """Settings that all recipes share. ``steps`` is the number of environment steps, rounded up to whole updates.
+    """Settings that all recipes have. ``steps`` is the number of environment steps, rounded up to whole updates.
 
     ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
     force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
@@ -313,7 +313,8 @@ def read_configuration(out: Path) -> AnyConfiguration:
 
 
 def _people_move(configuration: AnyConfiguration) -> bool:
-    """Returns whether the people of a training run move. ``False`` if the name of the population has a version."""
+    """Returns whether the people of a training run move. Returns ``False`` if the name of the population has a
+    version."""
     named = NAMED_DISTRIBUTIONS.get(configuration.people)
     if named is None or "@" in configuration.people:
         return False

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 SkippedEnvironmentReporter = Callable[[str, Exception], None]
-"""Function that is called for skipped environments. Arguments: a description of them, and the error."""
+"""Function that reports skipped environments. Arguments: a description of the environments, and the error."""
 EvaluationFunction = Callable[[Sequence[str]], list[Evaluation]]
 """Function that evaluates one policy with one population in some environments."""
 

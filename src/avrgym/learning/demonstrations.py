@@ -29,7 +29,7 @@ MAX_WORLDS = 16
 
 
 class SimulatedOperator:
-    """Delays the actions of N worlds and adds noise, as a person does who teleoperates the robot."""
+    """Model of a person who teleoperates the robots of N worlds: delays the intended actions and adds noise."""
 
     def __init__(self, generators: Sequence[np.random.Generator], action_size: int, control_hz: int) -> None:
         """Start an episode in each world, with the world's random generator."""
@@ -41,7 +41,7 @@ class SimulatedOperator:
         self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
 
     def act(self, intended: FloatArray) -> FloatArray:
-        """Returns the person's actions (N, A), given the intended actions (N, A) of the present step."""
+        """Returns the person's actions (N, A), given the intended actions (N, A) of the current step."""
         self._intended.append(intended)
         fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)
         self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
@@ -50,7 +50,7 @@ class SimulatedOperator:
 
 @dataclass(frozen=True)
 class DemonstrationTotals:
-    """Numbers of successful episodes and of all attempts."""
+    """Number of successful episodes, and number of all attempts."""
 
     successes: int
     attempts: int
@@ -65,7 +65,7 @@ def demonstrate(
     cameras: Sequence[CameraSpec] = (),
     report: Callable[[DemonstrationTotals], None] = lambda totals: None,
 ) -> Generator[DatasetEpisode]:
-    """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as a person would do.
+    """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as by a human operator.
 
     Args:
         world: N worlds. Their number does not change the episodes.

@@ -122,7 +122,8 @@ def evaluate(
     settings: Settings = DEFAULT_SETTINGS,
     steps: int = EPISODE_STEPS,
 ) -> Evaluation:
-    """Evaluate a policy in one environment in this process. Returns the results; see ``evaluate_all``."""
+    """Evaluates a policy in one environment, in this process. Returns the results. ``evaluate_all`` documents the
+    arguments."""
     (row,) = evaluate_all(
         [environment_id],
         policy,
@@ -165,7 +166,7 @@ def evaluate_all(
 
     Args:
         environment_ids: such as ``avrgym/FeedingJaco-v1``.
-        policy: a name or path that ``policies.registry.resolve_policy`` accepts; not ``operator``.
+        policy: a name or path that ``policies.registry.resolve_policy`` accepts.
         people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder of
             trained humans.
         episodes: number per environment, 1 or more.

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 from avrgym.system import random_streams
 
 FAILURE_FORCE_N = 12.0
-"""An episode with a larger mean force on the person counts as failed, even if it succeeded."""
+"""Maximum mean force on the person. Episodes with a larger force count as failed, even if the task succeeded."""
 MAX_STORED_EPISODES = 256
 """Maximum number of stored seeds. The oldest seeds are deleted first."""
 
 
 class HardEpisodes:
-    """Chooses the episodes of N worlds. A seed identifies each episode.
+    """Chooses the episodes of N worlds: new episodes, and episodes that failed before. A seed identifies each episode.
 
     ``stored`` contains the seeds of failed episodes, the newest at the end. ``repeated`` is the number of repeated
     episodes in the latest choice; they are in the first worlds.
@@ -30,8 +30,8 @@ class HardEpisodes:
         self._chosen: list[int] = []
 
     def choose_seeds(self, steps: int) -> list[int]:
-        """Choose the next episodes after ``steps`` environment steps. Returns their N seeds. The same state gives the
-        same seeds."""
+        """Chooses the next episodes after ``steps`` environment steps. Returns their N seeds. They depend only on the
+        state and ``steps``."""
         random = random_streams.hard_episode_generator(self._seed, steps)
         old = random.permutation(self.stored)[: self._max_repeated].tolist()
         new = random.integers(2**53, size=self._worlds - len(old)).tolist()

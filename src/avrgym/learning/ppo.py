@@ -21,7 +21,7 @@ from avrgym.networks.policy import Policy, PolicyMetadata
 
 TENSORBOARD_FOLDER = "tensorboard"
 PolicyUpdateFunction = Callable[[PPO, Any, Any, Any], object]
-"""Function that makes a PPO update of a model with whole episodes. Only the time limit ends an episode.
+"""Function that makes a PPO update of a model with whole episodes. All episodes end at the time limit.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) and scaled rewards (T, N).
 """

@@ -52,7 +52,7 @@ class WorldSettings:
 class RolloutRequest:
     """A request to run whole episodes in n worlds of a training run.
 
-    Args:
+    Attributes:
         settings: settings of the worlds.
         first_world: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
@@ -121,7 +121,7 @@ class Rollout:
         return {name: array for name, array in arrays.items() if array is not None}
 
     def episode_results(self, of: slice | BoolArray = slice(None)) -> list[tuple[float, bool]]:
-        """Returns the return and the success of each episode, or only of the episodes ``of``."""
+        """Returns a list of the return and the success of each episode. ``of`` selects some episodes."""
         return [*zip(self.episode_return[of].tolist(), self.success[of].tolist(), strict=True)]
 
 

@@ -36,7 +36,7 @@ SWEEP_FILE = "sweep.toml"
 RAY_TUNE_FOLDER = "schedule"
 """Folder with Ray Tune's state. It has a subfolder for each group of training runs."""
 MISSING_REWARD = -1e9
-"""Placeholder for the mean reward before the first episode ends."""
+"""Value of the mean reward for Ray Tune before the first episode ends."""
 
 SweepReporter = Callable[[str, int], None]
 """Function that is called with the name of a training run and its number of environment steps."""

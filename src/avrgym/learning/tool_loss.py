@@ -21,8 +21,8 @@ TRANSLATION_UNIT_M, ROTATION_UNIT_RAD = 0.02, 0.2
 """Units of the tool's translation and rotation in a control step. With a lever arm of 0.1 m, a rotation of one unit
 moves a point by one unit."""
 HALF_WEIGHT_MOTION = 0.25
-"""Demonstrated motion, in units, at which the weight of the error is halved (5 mm, or 0.05 rad). At ten times this
-motion the weight is about a hundredth."""
+"""Demonstrated motion at which the weight of the error is a half: 0.25 units, which is 5 mm or 0.05 rad. At ten times
+this motion the weight is about 0.01."""
 ACTION_ERROR_WEIGHT = 0.1
 """Weight of the squared action error. It penalises errors of the elbow that do not move the tool."""
 

@@ -96,7 +96,7 @@ def train(
     *,
     cluster: "Cluster | None" = None,
 ) -> Policy:
-    """Train a policy, and return it. Write policy, configuration, checkpoint and TensorBoard's log into ``out``.
+    """Trains and returns a policy. Writes policy, configuration, checkpoint and TensorBoard's log into ``out``.
 
     If robot and human are trained together (``--recipe pair``), ``human.safetensors`` contains the human's policy. The
     policy file contains results on the validation split. After an interruption, ``out`` contains the latest policy and

@@ -1,4 +1,4 @@
-"""Colours of geoms and skins as MuJoCo renders them: the geom's or skin's own colour, or its material's."""
+"""Colours of geoms and skins as MuJoCo renders them: their own colour, or that of their material."""
 
 import mujoco
 import numpy as np

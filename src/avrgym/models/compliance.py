@@ -4,13 +4,15 @@ Torque limits alone do not bound contact forces. Near a joint's axis or along a 
 apply thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the
 bodies. The compliance of the person's body bounds the force at a contact point:
 
-- At rest the person is a softening spring of 25 N/mm at first touch: 21 N at 1 mm, 50 N at 4 mm, 68 N at 1 cm, and
-``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. ISO/TS 15066 has springs of 10 to 150 N/mm, and 110 to 220 N as pain
-limits. - An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact,
-the additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore b √(2
-E) / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full speed
-have 0.5 J (Jaco) or 1.1 J (PR2). - Motors can accelerate bodies into the person, and furniture can reflect bodies. For
-one or two steps, this adds the force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
+- At rest the person is a softening spring. Its stiffness at first touch is 25 N/mm. The force is 21 N at 1 mm, 50 N at
+  4 mm, 68 N at 1 cm, and ``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. ISO/TS 15066 has springs of 10 to
+  150 N/mm, and 110 to 220 N as pain limits.
+- An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, the
+  additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore
+  b √(2 E) / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full
+  speed have 0.5 J (Jaco) or 1.1 J (PR2).
+- Motors can accelerate bodies into the person, and furniture can reflect bodies. For one or two steps, this adds the
+  force of an impact with √(τᵀ M⁻¹ τ) in place of b √(2 E); τ are the joint torques.
 
 The sum of forces grows with the number of contact points. One collision shape therefore replaces the thin walls of a
 tool, see ``tools.CollisionHull``. People with tremor use only ``TREMOR_STRENGTH_SHARE`` of their strength.

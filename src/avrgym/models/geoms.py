@@ -51,7 +51,7 @@ def add_visual_mesh(
 def add_material(
     spec: mujoco.MjSpec, name: str, rgb: Sequence[float], *, metallic: float = 0.0, roughness: float = 0.7
 ) -> str:
-    """Add a plain material, unless it exists, and return its name."""
+    """Adds a material of one colour, unless it exists. Returns its name."""
     if spec.material(name) is None:
         spec.add_material(name=name, rgba=[*rgb, 1.0], metallic=metallic, roughness=roughness)
     return name

@@ -61,7 +61,8 @@ HEAD_SKIN_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's first-person view."""
 
 STORED_POSITION_RANGE_M, STORED_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
-"""Ranges of stored positions and of stored mouth displacements, and the share of the displacement for an open mouth."""
+"""Ranges (m) of stored positions and of stored mouth displacements, then the share of the displacement for an open
+mouth."""
 ARM_SEGMENTS = ("upper_arm", "forearm")
 """Arm segments that are scaled by ``Person.arm_scale``."""
 CROWN_STRETCH_SHARE = 0.5

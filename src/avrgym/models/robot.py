@@ -182,7 +182,7 @@ class Robot:
         base: root body, placed by the mount.
         torso: reference body of observations; the base for robots without a torso.
         arms: arms by side. A robot with one arm lists it for both sides.
-        mounts: mounts by the place of the person.
+        mounts: mounts by the location of the person.
         grips: grips by the tool's name.
         half_width_m: half the width of a square base on the floor.
         fixed_joints: positions of all other joints, radians or metres; default: 0.

@@ -65,7 +65,8 @@ class Tool:
         hull: collision shape that replaces thin walls.
         mouth_part_outline: points (P, 3) on the outside of the part that enters the mouth, tool's frame, metres.
         cloth: cloth that is attached to the tool.
-        grip: name of another tool with the same handle. Robots use the grip of that tool. ``None``: an own grip.
+        grip: name of another tool with the same handle. Robots use the grip of that tool. ``None``: the tool has its
+            own grip.
         mirror_axis: normal of the tool's plane of symmetry, 0 to 2 for x to z.
     """
 

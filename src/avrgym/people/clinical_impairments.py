@@ -35,7 +35,7 @@ from avrgym.people.population_names import SEVERITIES, ImpairmentName
 SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
 """Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
 SPASTIC_MOBILITY = (1.0, 0.6)
-"""Executed share of the commanded motion of spastic arms."""
+"""Share of the commanded motion that spastic arms execute, at the lowest and the highest severity."""
 AFFECTED_SPEED_LIMITS_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 """Speed limits of affected joints at the lowest and the highest severity."""
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)

@@ -1,9 +1,8 @@
 """Behaviour model of people who cooperate with the robot, like the study's participants (paper, section V).
 
-These people perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean
-towards a tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway.
-The values are assumptions about unhurried adults: reaction 0.2 to 0.4 s, sway below 0.5 Hz. ``people.motor`` moves the
-joints.
+They perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean towards a
+tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway. The values
+are assumptions about unhurried adults: reaction 0.2 to 0.4 s, sway below 0.5 Hz. ``people.motor`` moves the joints.
 """
 
 from collections.abc import Mapping
@@ -139,7 +138,7 @@ def choose_goal_angles(
 ) -> tuple[CooperationState, FloatArray]:
     """Returns the next state and the people's goal joint angles (N, 20), given an observation of the tool.
 
-    ``goals_rad`` (N, 20) are the previous goals. They do not change for joints that have no reason to move.
+    ``goals_rad`` (N, 20) are the previous goals. Goals of joints that do not react to the tool do not change.
     """
     xp = namespace(state.joint_targets_rad)
     history = xp.concat([observation.tool_pos_w[:, None], state.tool_history_w[:, :-1]], axis=1)
@@ -155,7 +154,7 @@ def choose_goal_angles(
 
 
 def advance_time(state: CooperationState) -> CooperationState:
-    """Returns the state with the time advanced by one control step."""
+    """Returns the state one control step later."""
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
@@ -182,7 +181,8 @@ def _mouth_goals(
     tool_w: FloatArray,
     posture: Posture,
 ) -> FloatArray:
-    """Returns goals (N, 20) that turn the face to the tool. The waist leans towards a near tool in front."""
+    """Returns the goal joint angles (N, 20) that turn the face to the tool. The waist leans towards a near tool in
+    front."""
     xp, most, head = namespace(tool_w), constant_like(MAX_HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w
@@ -198,7 +198,8 @@ def _mouth_goals(
 def _arm_goals(
     state: CooperationState, goals_rad: FloatArray, observation: PersonObservation, tool_w: FloatArray
 ) -> FloatArray:
-    """Returns goals (N, 20). If the tool is near, the right arm is lifted sideways and stretched a little."""
+    """Returns the goal joint angles (N, 20). If the tool is near, the right arm is lifted sideways and stretched a
+    little."""
     xp, lift = namespace(tool_w), constant_like(_LIFT, tool_w)
     gap = xp.min(transforms.norm(observation.right_arm_pos_w - tool_w[:, None]), axis=-1)
     raised = state.initial_angles_rad[:, lift] + ARM_LIFT_ANGLE_RAD

@@ -111,7 +111,7 @@ WAIST_JOINT_MASK = np.array([joint.body == "torso" for joint in JOINTS.values()]
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Initial joint angles: ``rest_rad`` (20,) ± uniform ``spread_rad`` (20,).
+    """Distribution of initial joint angles: uniform in ``rest_rad`` (20,) ± ``spread_rad`` (20,).
 
     A random right arm is resampled until its pose is within the shoulder limits and has enough clearance.
     """

@@ -14,7 +14,7 @@ from avrgym.geometry import elementary
 from avrgym.geometry.arrays import namespace
 
 UNLIMITED_SPEED_RAD_S = 1e3
-"""Speed limit of joints without an impairment. It has no effect."""
+"""Speed limit of joints without an impairment. No joint reaches it."""
 NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
 """Natural frequency of ataxic joints (assumption).
 

@@ -32,7 +32,7 @@ MAX_TREMOR_AMPLITUDE_RAD = TREMOR_AMPLITUDE_RATIO * MAX_TREMOR_TARGET_RAD
 
 
 def find_impairment(name: str) -> ImpairmentName:
-    """Returns ``name`` if an impairment with this name exists.
+    """Checks the name of an impairment, and returns it.
 
     Raises:
         ValueError: for an unknown name or severity. The message lists the impairments.
@@ -56,10 +56,11 @@ def needs_movable_joints(impairment: ImpairmentName) -> bool:
 def apply_impairment(people: People, impairment: ImpairmentName, uniforms: FloatArray) -> People:
     """Returns people with an impairment. Its severity is sampled from uniform numbers (n, ``NUM_UNIFORMS``).
 
-    - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them. -
-    ``weakness``: joint torques are multiplied by a factor from U(0.25, 1). - ``tremor``: amplitudes are sampled between
-    0 and ``MAX_TREMOR_AMPLITUDE_RAD``. If the person already has a larger tremor, it does not change. - A clinical
-    impairment: torques by joint and direction, and damping, see ``people.clinical_impairments``.
+    - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
+    - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
+    - ``tremor``: amplitudes are sampled between 0 and ``MAX_TREMOR_AMPLITUDE_RAD``. A larger tremor that the person
+      already has does not change.
+    - Clinical impairments change torques by joint and direction, and damping, see ``people.clinical_impairments``.
     """
     if impairment == "limits":
         return limit_joint_ranges(

@@ -1,4 +1,4 @@
-"""Version 1 of the motion of simulated people, for comparison: joint targets change once in 0.1 s.
+"""Version 1 of the motion of simulated people, for comparison: joint targets change every 0.1 s.
 
 Populations with the suffix ``@1``, such as ``participants@1``, use this version. Targets of participants jump to the
 next pose. Targets of zoo partners are interpolated. They have limited acceleration, sway, chewing and alternating

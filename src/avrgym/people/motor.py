@@ -19,7 +19,7 @@ Limits of unhurried people:
 Startled people turn the head with at most 3 rad/s and 30 rad/s². Vigorous head turns reach 13.6 rad/s at 2.6 Hz
 (Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
 
-Added to the movements are:
+The joint targets also contain:
 
 - signal-dependent noise: the standard deviation of the speed is proportional to the speed (Harris and Wolpert, Nature
   394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). Its share, 10 %, is our assumption;
@@ -43,7 +43,7 @@ from avrgym.models.human import JOINT_INDEX, JOINTS, People
 from avrgym.models.scene import PHYSICS_STEP_S
 
 MOTION_VERSION = 2
-"""Version of the motion of simulated people. In version 1, joint targets change once in 0.1 s, see
+"""Version of the motion of simulated people. In version 1, joint targets change every 0.1 s, see
 ``people.motion_version_1``."""
 MAX_JOINT_SPEED_RAD_S = np.array(
     [{"torso": 0.35, "head": 1.2}.get(each.body, 0.8) for each in JOINTS.values()]
@@ -62,7 +62,7 @@ AMPLITUDE_ONSET_S = 1.0
 MAX_ONSET_RATE_PER_S = 1.875 / AMPLITUDE_ONSET_S
 PHYSIOLOGICAL_TREMOR_HZ, PHYSIOLOGICAL_TREMOR_G = (8.0, 12.0), (0.005, 0.035)
 FOREARM_LENGTH_M, GRAVITY_M_S2 = 0.3, 9.81
-"""Distance of the hand from the elbow; gravitational acceleration."""
+"""Distance of the hand from the elbow, and gravitational acceleration."""
 DEFAULT_TREMOR_HZ = 5.0
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
 """Fractional part of the golden ratio. Its multiples give evenly distributed phases (Weyl)."""

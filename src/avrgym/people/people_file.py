@@ -27,7 +27,7 @@ class PeopleFileError(ValueError):
 
 
 class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study whose participants determined the ranges."""
+    """The study from which the ranges were estimated: its name, and the numbers of participants and trials."""
 
     study: str
     men: int

@@ -57,7 +57,7 @@ def is_trained_human(name_or_path: str) -> bool:
 
 
 def population_label(name_or_path: str) -> str:
-    """Returns a name for display. For a file, it does not contain the folder."""
+    """Returns the name of a population for display. For a file, this is the name without the folder."""
     if name_or_path in NAMED_DISTRIBUTIONS:
         return name_or_path
     return f"{'trained' if is_trained_human(name_or_path) else 'fitted'}: {Path(name_or_path).name}"
@@ -95,7 +95,8 @@ def find_human_policy_files(folder: Path) -> list[Path]:
 
 
 def people_for_workers(name_or_path: str) -> TransferredFile:
-    """Returns the people with the contents of their files. Worker processes may have no access to the files."""
+    """Returns the value of ``--people`` with the contents of its files. Worker processes may have no access to the
+    files."""
     if is_trained_human(name_or_path) and Path(name_or_path).is_dir():
         return TransferredFile.read_folder(name_or_path, find_human_policy_files(Path(name_or_path)))
     return TransferredFile.read(name_or_path)

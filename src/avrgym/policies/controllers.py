@@ -22,7 +22,7 @@ from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
 
 MAX_ERROR_CHARACTERS = 160
-"""Maximum length of an exception's text in an error message, in characters."""
+"""Maximum length of an exception's text in a message, in characters."""
 
 
 class Controller(Protocol):
@@ -60,8 +60,8 @@ class ExternalController:
     """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
     ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
-    the controller needs. ``takes_commands``: the controller receives the participant's commands. ``prepare`` loads
-    what takes long; sessions call it before the first trial.
+    the controller needs. ``takes_commands``: the controller receives the participant's commands. ``prepare`` performs
+    slow loading; sessions call it before the first trial.
     """
 
     name: str

@@ -32,15 +32,15 @@ from avrgym.tasks.observation import Observation, measured_by_robot
 
 PREFIX = "lerobot:"
 PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
-"""Environment variable: the Python that has LeRobot, if it is not the one that runs AVR Gym."""
+"""Environment variable with the path of the Python that has LeRobot. Default: the Python that runs AVR Gym."""
 STATE, ENVIRONMENT_STATE, IMAGES = "observation.state", "observation.environment_state", "observation.images."
-"""Names of the features in LeRobot: what the robot measures itself, the rest of the observation, prefix of images."""
+"""Names of the features in LeRobot: values that the robot measures itself, other values, and the prefix of images."""
 LOADING_TIMEOUT_S, ANSWER_TIMEOUT_S = 300.0, 10.0
 CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
 
 
 def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
-    """Divide observations (..., O) into LeRobot's features, by their names.
+    """Returns observations (..., O), divided into LeRobot's features, by the features' names.
 
     ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` the others, both in the
     order of the observation.
@@ -68,7 +68,8 @@ def weights_file(name: str) -> Path:
 
 
 def plugin_of_lerobot(name: str) -> UsedPlugin:
-    """Returns the policy ``lerobot:FOLDER`` with the hash of its files; the hash is empty without files."""
+    """Returns the policy ``lerobot:FOLDER`` as a used plug-in with the hash of its files. Without files, the hash is
+    empty."""
     files = [
         *Path(name.removeprefix(PREFIX)).glob("*.json"),
         *Path(name.removeprefix(PREFIX)).glob("*.safetensors"),
@@ -140,7 +141,7 @@ def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, 
 
 
 class LeRobotController:
-    """One episode after another with a policy in another process. Many controllers share the process."""
+    """A controller whose policy runs in another process. All controllers of a policy share the process."""
 
     _numbers = itertools.count()
 

@@ -255,7 +255,7 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
 
 
 def warm_up_renderer(policy: AnyPolicy, world: Episodes) -> None:
-    """Render one image if the policy has cameras. The first rendering compiles the appearance, which takes long.
+    """Renders one image if the policy has cameras. The first rendering is slow, because it compiles the visual geoms.
 
     Without this call, the first action of the policy would be late.
     """
@@ -299,5 +299,5 @@ def _network_image(world: Episodes, cameras: Sequence[CameraSpec]) -> FloatArray
 
 
 def draw_controller_seed(generator: np.random.Generator) -> int:
-    """Draw a controller's seed for an episode from the episode's ``generator``, and return it."""
+    """Returns a controller's seed for an episode, sampled with the episode's ``generator``."""
     return int(generator.integers(2**31))

@@ -15,15 +15,16 @@ GAIN_PER_S = 8.0
 MAX_LEAD_M = 0.05
 MAX_LEAD_RAD = 0.16
 """Maximum distance of the target pose from the tool. At this distance the speed limits apply. Faster motion of the
-controller is lost, so the tool stops soon after the controller."""
+controller has no effect. The tool therefore stops soon after the controller."""
 
 
 class ToolServo:
     """Computes the velocities of the robot's hand with which its tool follows a controller, in the first world.
 
-    ``engage`` pairs the present poses of tool and controller (the clutch). From then on, the target pose of the tool
-    is its pose at that time, moved like the controller: translations are multiplied by a scale, rotations are not.
-    The pose of the tool is that of the servo targets. The tool therefore does not overshoot when its servos lag behind.
+    ``engage`` stores the current poses of tool and controller as reference poses (the clutch). The target pose of the
+    tool is its reference pose, moved like the controller since then. Translations are multiplied by a scale, rotations
+    are not. The pose of the tool is that of the servo targets. The tool therefore does not overshoot when its servos
+    lag behind.
     """
 
     def __init__(self, simulation: Simulation, chain: Chain) -> None:
@@ -34,7 +35,8 @@ class ToolServo:
         self._hand = names.index(robot.PREFIX + simulation.scene.arm.end_effector)
 
     def engage(self, pos_w: FloatArray, q_w: FloatArray, scale: float) -> None:
-        """Pair the present pose of the tool with a pose of the controller: position (3,), quaternion (4,)."""
+        """Stores the current pose of the tool and a pose of the controller, position (3,) and quaternion (4,), as
+        references."""
         poses = self._simulation.body_poses(0)
         tool, hand = poses[self._tool], poses[self._hand]
         hand_inverse = transforms.invert(hand[:3], hand[3:])
@@ -45,7 +47,7 @@ class ToolServo:
     def velocity(self, pos_w: FloatArray, q_w: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the hand's linear and angular velocity (3,), divided by their limits, for ``CartesianController``.
 
-        ``pos_w`` (3,) and ``q_w`` (4,): pose of the controller in the world frame. Call ``engage`` before.
+        ``pos_w`` (3,) and ``q_w`` (4,): pose of the controller in the world frame. Call ``engage`` first.
         """
         hand_pos_w, tool_pos_w, tool_q_w = self._commanded()
         turned = transforms.multiply(q_w, transforms.conjugate(self._q_w))

@@ -32,7 +32,7 @@ from avrgym.system.files import private_opener
 FLUSH_INTERVAL_S = 0.1
 """Interval at which queued records are written to the file."""
 DISK_STALL_TIMEOUT_S = 0.75
-"""Time without a write after which ``RecordingWriter.error`` reports a stalled disk."""
+"""Time without a write after which ``RecordingWriter.disk_error`` reports a stalled disk."""
 MAX_QUEUED_MESSAGES = 4000
 """Maximum length of the queue. If it is full, the recording fails."""
 SHORT_QUEUE_MESSAGES = 100

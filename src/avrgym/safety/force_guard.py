@@ -50,7 +50,7 @@ class ForceGuard(PerWorldState):
     def __init__(self, simulation: Simulation, share: float = INTERVENTION_FORCE_SHARE) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``).
 
-        ``share``: share of the quasi-static limits at which the arm retracts, at most ``INTERVENTION_FORCE_SHARE``.
+        The arm retracts at the share ``share`` of the quasi-static limits. Its maximum is ``INTERVENTION_FORCE_SHARE``.
         """
         self._simulation, self._share = simulation, min(share, INTERVENTION_FORCE_SHARE)
         self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)

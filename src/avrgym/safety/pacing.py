@@ -36,7 +36,7 @@ PACING_MODES = ("approaching", "waiting", "backing_off", "changing_side", "conti
 """Modes of the pacing layer. The policy drives the robot in the modes ``approaching`` and ``continuing``."""
 APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(PACING_MODES))
 DISTANCE_TOLERANCE_M = 0.05
-"""A waiting robot backs off if its distance is smaller than the preferred distance by more than this."""
+"""Tolerance of the preferred distance. A waiting robot backs off if it is closer to the person by more than this."""
 MIN_LATERAL_OFFSET_M = 0.08
 """Minimum lateral distance between tool and mouth or arm at which the tool is on one side."""
 MAX_SIDE_CHANGE_S = 5.0
@@ -68,8 +68,8 @@ class PacingLayer(PerWorldState):
     Attributes:
         mode: indices (N,) in ``PACING_MODES``.
         speed_factor: factors (N,) of the policy's actions.
-        distance_m: preferred distances (N,) between tool and mouth or arm.
-        side: preferred sides (N,): 1 left, −1 right, 0 any.
+        preferred_distance_m: preferred distances (N,) between tool and mouth or arm.
+        preferred_side: preferred sides (N,): 1 left, −1 right, 0 any.
         gap_m: distances (N,) between tool and mouth or arm at the start of the control step.
     """
 

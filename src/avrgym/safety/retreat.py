@@ -19,7 +19,8 @@ from avrgym.models.scene import CONTROL_STEP_S, SCENE_TOOL_BODY
 from avrgym.simulation.worlds import Simulation
 
 TOOL_SPEED_M_S = 0.08
-"""Speed of the tool. With the servos' overshoot the speed remains below 0.1 m/s, also near the head."""
+"""Speed of the tool during the retreat. With the servos' overshoot the speed remains below 0.1 m/s, also near the
+head."""
 FINAL_MOUTH_DISTANCE_M = 0.32
 """Distance between tool and mouth at the end of the retreat."""
 FINAL_PERSON_DISTANCE_M = 0.10
@@ -31,7 +32,7 @@ MIN_GAP_M = 0.01
 MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
 CHARACTERISTIC_LENGTH_M = 0.2
-"""Converts a rotation error of the tool (rad) to a position error (m)."""
+"""Length that converts a rotation error of the tool (rad) to a position error (m)."""
 SPEED_DAMPING = 0.03
 """Weight of squared joint speeds in the quadratic programme."""
 MIN_CLOSING_TIME_S = 0.3

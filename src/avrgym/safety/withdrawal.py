@@ -15,7 +15,7 @@ from avrgym.safety.retreat import Retreat
 from avrgym.simulation.worlds import Simulation
 
 SETTLING_TIME_S = 0.5
-"""Time without an event (such as a bite or a sip) after success. After it, the withdrawal begins."""
+"""Time without an event (such as a bite or a sip) between the success and the withdrawal."""
 FINAL_MOUTH_DISTANCE_M, FINAL_PERSON_DISTANCE_M = 0.15, 0.06
 """Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
 WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"

@@ -22,7 +22,7 @@ NUM_CANDIDATES = 100
 NUM_UNIFORMS = 3 * NUM_CANDIDATES
 """Number of uniform random numbers for one world's candidates."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
-"""Maximum errors of position (as in Assistive Gym) and rotation at which a goal counts as reached."""
+"""Maximum errors of position (as in Assistive Gym) and rotation for a reached goal."""
 START_IK_ITERATIONS, START_IK_TOLERANCE_M = 15, 0.003
 """Iterations and tolerance of the inverse kinematics for the start pose."""
 NUM_IK_RESTARTS, MIN_REACHING_CANDIDATES = 2, 10

@@ -33,12 +33,12 @@ class State(ArmPoses):
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``
     (N, 3) is x, y (m) and yaw (rad) of a driving base in the frame of its start; (N, 0) for other robots.
     ``robot_pos_w`` is the robot's torso, or its base if it has no torso. The pad is the part of the tool that touches
-    people, see ``Tool``. ``placed_pos_w`` contains the positions of the scene's movable furniture, by body.
-    ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of ``human.GEOMS``:
-    ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their radii.
-    ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused rows have
-    force zero. Normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the tool's
-    cloth.
+    people, see ``models.tools.Tool.contact_body``. ``placed_pos_w`` contains the positions of the scene's movable
+    furniture, by body. ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of
+    ``human.GEOMS``: ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their
+    radii. ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused
+    rows have force zero. Normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the
+    tool's cloth.
 
     Forces on the person, (N,): ``robot_force_n`` (robot and tool) and ``tool_force_n`` (tool) are magnitudes of net
     forces, in which opposite forces cancel out. ``total_force_n`` (robot and tool) and ``links_force_n`` (links only)

@@ -56,7 +56,7 @@ joints, see ``kinematics.joint_units``."""
 BASE_JOINT_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
 """Types of the joints of ``Simulation.base_displacement``."""
 REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
-"""Position of removed particles: far from everything, weightless, without contacts."""
+"""Position of removed particles. They are far from all bodies, have no weight, and make no contacts."""
 
 
 @lru_cache(maxsize=16)

@@ -127,7 +127,7 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> None:
-        """Choose the goal joint angles of people for the next 0.1 s. For the arguments, see ``step``."""
+        """Chooses the goal joint angles of people for the next 0.1 s. ``step`` documents the arguments."""
         state: BehaviourState = replace(self._state, joint_targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):
@@ -146,13 +146,15 @@ class BehaviourModel:
         )
 
     def next_joint_targets(self, limit: JointLimiter, count: int) -> FloatArray:
-        """Take ``count`` steps of 10 ms. Returns the joint targets (``count``, N, 20) at the end of each step."""
+        """Advances the people's motion by ``count`` steps of 10 ms. Returns the joint targets (``count``, N, 20) at the
+        end of each step."""
         self._motor, targets = motor.next_joint_targets_rad(self._motor, count)
         return limit(targets)
 
 
 def _chosen(world_mask: BoolArray | None, new: Any, old: Any) -> Any:
-    """Returns the state ``new`` in worlds of the mask (N,), ``old`` in others; ``None``: all worlds are new."""
+    """Returns the state ``new`` in the worlds of the mask (N,), and ``old`` in the others. With ``None``, returns
+    ``new``."""
     if world_mask is None:
         return new
     rows = np.nonzero(world_mask)[0]

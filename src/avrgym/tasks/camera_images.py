@@ -62,7 +62,7 @@ class CameraImages:
         self._models: dict[str, _SexModel] = {}
 
     def images(self, worlds: Iterable[int] | None = None) -> Images:
-        """Returns images (n, ...) of the present state of ``worlds`` (default: all), by entry name.
+        """Returns images (n, ...) of the current state of ``worlds`` (default: all), by entry name.
 
         ``CameraSpec`` defines their types.
 
@@ -116,7 +116,8 @@ class CameraImages:
 
 
 class _SexModel:
-    """The model of the scene with a woman or a man, in graphics memory. It shows one world at a time."""
+    """The model of the scene with a woman or a man, in graphics memory. It contains the state of one world at a
+    time."""
 
     def __init__(
         self,
@@ -149,7 +150,7 @@ class _SexModel:
         self._skins = _skin_rows(model)
 
     def show(self, episodes: "Episodes", world: int, person: Person) -> None:
-        """Copy a world's person and body poses to the model."""
+        """Copies a world's person and body poses to the model."""
         build = person.stature_m, person.bmi_kg_m2
         key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone, *build)
         if key != self._shown:
@@ -264,7 +265,7 @@ def graphics_error() -> str | None:
 
 
 def _metres(depth: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Returns distances along the optical axis from the renderer's depth.
+    """Returns distances along the optical axis in metres, computed from the renderer's depth values.
 
     The depth is 0 at ``FAR_CLIP_M`` and 1 at ``NEAR_CLIP_M``.
     """

@@ -12,7 +12,7 @@ EPISODE_STEPS = 200
 WORLD_VERSION = 2
 """Version of the simulation: physics, initial states and rewards. Recordings store this version.
 
-If the versions differ, the actions of a recording may lead to different states.
+If the versions differ, the recorded actions may lead to different states.
 """
 
 

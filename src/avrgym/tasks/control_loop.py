@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class StepOutcome:
-    """The result of one control step in N worlds. The first axis is the world. ``events`` as in ``StepResult``.
+    """The result of one control step in N worlds. The first axis is the world. ``StepResult`` documents ``events``.
 
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
@@ -48,7 +48,7 @@ class StepOutcome:
 class FirstWorldStep:
     """A control step of the first world, composed of ticks of 10 ms.
 
-    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing``: whether the
+    ``observation`` (O,) is from the start of the step, ``action`` (A,) from its end. ``withdrawing`` is true if the
     withdrawal controlled the robot.
     """
 
@@ -66,7 +66,7 @@ class ActionSource(Protocol):
         ...
 
     def update_action(self) -> FloatArray | None:
-        """Returns new actions (N, A) at a later tick of the control step. ``None``: the present actions continue."""
+        """Returns new actions (N, A) at a later tick of the control step. ``None``: the current actions continue."""
         ...
 
 
@@ -108,7 +108,7 @@ class ControlLoop:
         self._substep, self._was_held = 0, False
         self._substeps = episodes.scene.substeps
         self._observation: FloatArray | None = None
-        """Observations (N, O) of the present state directly after a control step, otherwise ``None``."""
+        """Observations (N, O) of the current state directly after a control step, otherwise ``None``."""
         self._first_observation = np.zeros((self._simulation.num_worlds, episodes.observation.size))
         self.applied_action: FloatArray | None = None
         """The action (J,) of the first world if it changed at the latest tick, otherwise ``None``."""
@@ -116,7 +116,7 @@ class ControlLoop:
         """Whether the latest action is zero and the brakes hold the robots."""
 
     def reset(self, ids: IntArray) -> None:
-        """Reset the layers of worlds ``ids`` (n,), whose episodes start."""
+        """Resets the layers of the worlds ``ids`` (n,), in which episodes start."""
         for layer in (self.pacing, self.withdrawal, self.guard):
             if layer is not None:
                 layer.reset(ids)
@@ -217,7 +217,8 @@ class ControlLoop:
         self._episodes.command_robots(self._executed)
 
     def _change(self, actions: FloatArray | None) -> bool:
-        """Apply new actions of source or guard within a control step. Returns whether actions changed."""
+        """Applies new actions of the source or the guard within a control step. Returns whether the actions have
+        changed."""
         if self.guard is not None:
             changed = self.guard.update(actions)
             if changed.any():
@@ -244,7 +245,7 @@ class ControlLoop:
 
         Without a source, no control step is in progress. With ``hold``, the commanded actions are not executed: the
         brakes hold the robots. An intervention of the guard still moves the robots. While the withdrawal controls all
-        worlds, the source is not queried.
+        worlds, the source is not called.
         """
         self.applied_action = None
         if source is None:

@@ -48,9 +48,9 @@ ACTION_PENALTY_TERM = "action_squared"
 MAX_TOOL_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
 MAX_REACH_SAMPLES = 10
-"""Maximum number of sampled initial states in which the tool is farther away than ``MAX_TOOL_ERROR_M``."""
+"""Maximum number of sampled initial states. Samples with a larger error than ``MAX_TOOL_ERROR_M`` are rejected."""
 MAX_START_SAMPLES = 100
-"""Maximum number of sampled initial states until one has no overlapping bodies."""
+"""Maximum number of sampled initial states. Samples with overlapping bodies are rejected."""
 
 
 class Episodes:
@@ -196,7 +196,7 @@ class Episodes:
         self._start_positions = np.zeros((num_worlds, len(self.scene.arm.joints)))
         self._tool_error_m = np.zeros(num_worlds)
         self.start_samples = np.zeros(num_worlds, dtype=int)
-        """Number of samples (N,) until the present episodes had a valid initial state."""
+        """Number of samples (N,) until the current episodes had a valid initial state."""
         self._images: CameraImages | None = None
         self.control_loop = ControlLoop(
             self, force_guard=force_guard, withdraw_after_success=withdraw_after_success, rules=rules
@@ -227,7 +227,7 @@ class Episodes:
 
     @property
     def people(self) -> People:
-        """The people (N,) of the present episodes."""
+        """The people (N,) of the current episodes."""
         return self._people.people
 
     def set_person(self, person: Person) -> None:
@@ -386,7 +386,7 @@ class Episodes:
         return self._people.commands.step(waiting, speed_factor, self.scene.control_step_s)
 
     def step_physics(self, substep: int, count: int) -> None:
-        """Advance all worlds by ``count`` physics steps, from the step ``substep`` of a control step on.
+        """Advances all worlds by ``count`` physics steps. The first is step ``substep`` of the control step.
 
         This also moves people with a behaviour model. ``count`` divides ``DEFAULT_SUBSTEPS``.
         """
@@ -435,7 +435,7 @@ class Episodes:
         return self._step(state, result, actions)
 
     def evaluate_state(self) -> StepOutcome:
-        """Returns the result of a step with zero actions that ends in the present state. Task states do not change."""
+        """Returns the result of a step with zero actions that ends in the current state. Task states do not change."""
         state = self.simulation.state()
         rest = to_device_of(
             np.zeros((self.simulation.num_worlds, self.action_size)), self.simulation.example_array
@@ -458,11 +458,11 @@ class Episodes:
         )
 
     def state(self) -> State:
-        """Returns the present physical state, for tasks and experts."""
+        """Returns the current physical state, for tasks and experts."""
         return self.simulation.state()
 
     def observe(self) -> FloatArray:
-        """Returns the observations (N, O) of the present state."""
+        """Returns the observations (N, O) of the current state."""
         return self.observation.compute(self.simulation.state(), self.task_state)
 
     def human_observation(self) -> FloatArray:
@@ -486,7 +486,7 @@ class Episodes:
     def images(
         self, cameras: Sequence[CameraSpec], worlds: Iterable[int] | None = None
     ) -> dict[str, NumpyArray]:
-        """Returns images (n, ...) of the present state of some or all worlds, by the names of their entries.
+        """Returns images (n, ...) of the current state of some or all worlds, by the names of their entries.
 
         The first call compiles the models with visual geometry. Rendering changes no state.
 
@@ -513,5 +513,5 @@ class Episodes:
         return self.task.marks.places(self.simulation.arm_poses(), self.task_state)
 
     def person_of_world(self, world: int) -> Person:
-        """Returns the person of a world's present episode."""
+        """Returns the person of a world's current episode."""
         return self.people.person_at(world)

@@ -105,7 +105,7 @@ class Observation:
 
     @property
     def entry_ends(self) -> IntArray:
-        """Index one past the last value of each entry."""
+        """Index after the last value of each entry."""
         return np.cumsum([entry.size for entry in self.entries])
 
     def _each(self, values: list[float]) -> FloatArray:

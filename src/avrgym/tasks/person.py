@@ -1,4 +1,4 @@
-"""Shared constants of tasks: initial poses, limbs, and the limit of comfortable forces."""
+"""Constants that several tasks use: initial poses, limbs, and the limit of comfortable forces."""
 
 import numpy as np
 
@@ -23,7 +23,7 @@ COMFORT_FORCE_LIMIT_N = 10.0
 """Limit of a comfortable contact force at the target (paper, section V; reference)."""
 SKIN_MARGIN_M = 0.008
 LATERAL_AXES = np.array([1.0, 1.0, 0.0])
-"""Factors that remove the component along a limb, in the limb's frame."""
+"""Factors (3,) that remove a vector's component along the limb, in the limb's frame."""
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:

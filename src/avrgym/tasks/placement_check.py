@@ -22,7 +22,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 MAX_MEAN_DRAWS = 2.0
-"""Maximum mean number of sampled initial states until one is valid: half of the samples may be rejected."""
+"""Maximum mean number of samples for one valid initial state: half of the samples may be rejected."""
 CHECK_POPULATION, NUM_CHECK_STARTS = "revised", 32
 """Population of a robot check, and its number of initial states."""
 STARTS_PER_BODY = 4
@@ -32,7 +32,7 @@ ARM_BATCH_SIZE = 50
 
 @dataclass(frozen=True)
 class StartDrawStatistics:
-    """Mean and maximum number of sampled initial states until one has no collision.
+    """Mean and maximum number of samples for one initial state without collision.
 
     ``reset_error`` is an error message, empty without an error.
     """

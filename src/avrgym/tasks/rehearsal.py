@@ -18,7 +18,7 @@ STEPS_PER_GOAL, IK_ITERATIONS = 6, 8
 CLEARANCE_MARGIN_M, JOINT_LIMIT_MARGIN_RAD = 0.02, 0.15
 """Distances from person and furniture, and from joint limits, below which the cost of a motion increases."""
 BLOCK_WORLDS = 64
-"""Number of worlds that are computed together. It limits the memory."""
+"""Number of worlds in one batch of computations. Small batches limit the memory."""
 ALLOWED_POSITION_ERROR_M, ALLOWED_ROTATION_ERROR_RAD = 0.005, 0.05
 PATH_SHARES, PATH_IK_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
 """Positions on the path to a goal at which ``CollisionPathCost`` checks the arm, from 0 to 1.

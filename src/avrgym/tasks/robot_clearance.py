@@ -57,8 +57,8 @@ def arm_capsules(scene: SceneConfig, chain: kinematics.Chain) -> ArmCapsules:
 class SelfCollisionShape:
     """Capsules of a whole robot, and pairs of capsules that may collide.
 
-    ``capsules`` contains all capsules. Capsules of parts that do not move have the ``link`` −1. Their ends are in the
-    frame of the base. ``capsule_pairs`` (P, 2) are indices of capsules.
+    ``capsules`` contains all capsules. Capsules of parts that do not move have the ``link_index`` −1. Their ends are in
+    the frame of the base. ``capsule_pairs`` (P, 2) are indices of capsules.
     """
 
     capsules: ArmCapsules

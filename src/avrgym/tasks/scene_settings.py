@@ -59,7 +59,7 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
 _KEYWORDS = {
     "table_offset_m": "offset_m", "seat_height_m": "rise_m", "bed_height_m": "rise_m", "backrest_deg": "backrest_deg"
 }  # fmt: skip
-"""By setting of furniture: the keyword argument of the function that adds the furniture."""
+"""For each setting of furniture: the keyword argument of the function that adds the furniture."""
 
 
 def has_furniture(scene: SceneConfig, setting: str) -> bool:

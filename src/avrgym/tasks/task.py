@@ -63,7 +63,7 @@ class StepResult:
 
 
 class RunningEpisodes(Protocol):
-    """The part of ``Episodes`` that experts use."""
+    """Interface of ``Episodes`` for experts: simulation, scene and states."""
 
     @property
     def simulation(self) -> Simulation:
@@ -81,12 +81,12 @@ class RunningEpisodes(Protocol):
         ...
 
     def state(self) -> State:
-        """Returns the present physical state."""
+        """Returns the current physical state."""
         ...
 
 
 Controller = Callable[[FloatArray], FloatArray]
-"""A function from observations (N, O) to actions (N, A)."""
+"""A function that maps observations (N, O) to actions (N, A)."""
 Expert = Callable[[RunningEpisodes], Controller]
 """A function that creates a controller after a reset, for one episode."""
 
@@ -94,8 +94,8 @@ Expert = Callable[[RunningEpisodes], Controller]
 class View(NamedTuple):
     """A camera view.
 
-    ``look_at_w`` (3,) is the target point in the world frame, ``distance_m`` its distance from the camera. The angles
-    are those of MuJoCo's free camera.
+    ``look_at_w`` (3,) is the camera's target point in the world frame. ``distance_m`` is the distance of the camera
+    from it. The angles are those of MuJoCo's free camera.
     """
 
     look_at_w: tuple[float, float, float]
@@ -163,7 +163,7 @@ class Task:
         evaluate_step: returns reward terms and success. Arguments: the state after the step, the action (N, A), and the
             previous task state.
         expert: expert that plans with the full state. It shows that the task is feasible (``--policy oracle``).
-        feedback_expert: expert without memory: its action is a smooth function of the present state. Training imitates
+        feedback_expert: expert without memory: its action is a smooth function of the current state. Training imitates
             it.
         views: camera views for images.
         hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.

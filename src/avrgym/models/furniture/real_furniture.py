@@ -67,7 +67,7 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return self.height_offset_m(posture) + torso_height_m * (real - virtual) + self.head_rise_m(posture)
 
     def head_rise_m(self, posture: Posture) -> float:
-        """Returns how far the headrest lifts the head, in metres. An upright back: it moves the head forward only."""
+        """Returns the height in metres by which the headrest lifts the head; 0 for an upright back."""
         return self.headrest_m * cos(radians(self.backrest_deg(posture)))
 
     def describe(self, *, seated: bool) -> str:

@@ -100,8 +100,8 @@ class BodyLayout:
     """Poses and sizes of the bodies, geoms and sites of N people, by name. They are computed on demand.
 
     Positions (N, 3) are in metres. Lengths along the body are scaled by ``length_scale`` (N,), arm lengths by
-    ``arm_scale``. ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference. It moves
-    the body away from the backrest; the back does not move.
+    ``arm_scale``. ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference. With a
+    thicker chest, the body is farther from the backrest. The back does not move.
     """
 
     proportions: Proportions

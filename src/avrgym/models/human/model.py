@@ -93,7 +93,7 @@ def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:
 
 
 def use_speed_targets(spec: mujoco.MjSpec) -> None:
-    """Change the commands of a moving person's servos from target angles to target speeds in rad/s."""
+    """Changes a moving person's servos: their inputs become target speeds in rad/s instead of target angles."""
     for name in JOINTS:
         actuator, joint = spec.actuator(PREFIX + name), spec.joint(PREFIX + name)
         actuator.dyntype = mujoco.mjtDyn.mjDYN_INTEGRATOR

@@ -24,7 +24,7 @@ PARTNER_RULES: TrialRules = apply_preferences(
 
 @dataclass(frozen=True)
 class CommandParameters:
-    """How P partners give commands, arrays (P,).
+    """Parameters of the commands of P partners, arrays (P,).
 
     Attributes:
         ready_delay_s: time from the start of the robot's wait to the command ``ready``.

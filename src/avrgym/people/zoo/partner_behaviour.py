@@ -85,7 +85,7 @@ class _ToolPercept(NamedTuple):
 def initial_state(people: People, parameters: BehaviourParameters, uniforms: FloatArray) -> PartnerState:
     """Returns the initial state of n partners with the bodies of ``people`` and ``parameters``, arrays (n,).
 
-    ``uniforms`` (n, 4) are random numbers. They make partners with equal parameters different.
+    ``uniforms`` (n, 4) are random numbers. With them, partners with equal parameters behave differently.
     """
     xp = namespace(uniforms)
     at_rest, none = xp.zeros_like(people.joint_angles_rad), xp.zeros_like(uniforms[:, 0])

@@ -1,4 +1,4 @@
-"""Expert for arm manipulation. It uses the present state only. Policies can therefore imitate it."""
+"""Expert for arm manipulation. Its actions depend on the current state only. Policies can therefore imitate it."""
 
 from functools import partial
 
@@ -70,7 +70,7 @@ def make_lifting_expert(episodes: RunningEpisodes) -> Controller:
 def lifting_target(
     state: State, task_state: ArmManipulationState, planner: MotionPlanner, heading: FloatArray
 ) -> ToolTarget:
-    """Returns the next tool pose and speed: below the forearm, then upwards, then to the person's left."""
+    """Returns the next tool target: below the forearm, then upwards, then to the person's left."""
     up_w, lifted_w = forearm_up_direction_w(state), lifted_point_w(state)
     before = standoff_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]

@@ -43,7 +43,8 @@ RESTING_FOREARM_HEIGHT_M = 0.03
 FOREARM_SAMPLE_SHARES = (np.arange(10) + 0.5) / 10.0
 """Sampled points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
-"""For success, this share of the forearm is above the armrest in this number of consecutive control steps (1 s)."""
+"""Condition of success: minimum share of the forearm above the armrest, and number of consecutive control steps (1
+s)."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -54,7 +55,7 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_arm_n": -0.05,
 }
-"""Task weights, then preference weights.
+"""Weights of the reward terms: first of the task, then of the person's preferences.
 
 As in Assistive Gym, the two distances have equal weights. The other weights are the same as in the other tasks.
 """

@@ -41,7 +41,7 @@ DEPTH_GAIN_M_N = 0.0003
 DEPTH_RANGE_M = (-0.015, 0.03)
 ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
 CHARACTERISTIC_LENGTH_M = 0.1
-"""Converts a rotation (rad) to a distance (m)."""
+"""Length that converts a rotation (rad) to a distance (m)."""
 MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 
@@ -52,7 +52,7 @@ class BedBathingExpert:
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Begin with the first sweep."""
+        """Starts with the first sweep."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -77,7 +77,7 @@ class BedBathingExpert:
         self._depth_m = np.where(self._phase == WIPE_PHASE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
-        """Begin the next phase on arrival, or if wiping is stuck. After lifting, begin the next sweep."""
+        """Starts the next phase on arrival, or if wiping is stuck. After lifting, starts the next sweep."""
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
         arrived = np.where(self._phase == TOUCH_PHASE, state.tool_force_n > CONTACT_FORCE_N, arrived)
@@ -123,8 +123,8 @@ def cloth_pose(
 class LimbFrame(NamedTuple):
     """Frames of N limbs in the world frame.
 
-    ``start_w`` is the end near the shoulder. ``along_w``, ``up_w`` and ``outwards_w`` are directions, (N, 3) each.
-    ``length_m`` and ``radius_m`` are (N,).
+    ``start_w`` is the position (N, 3) of the end near the shoulder. ``along_w``, ``up_w`` and ``outwards_w`` are unit
+    vectors (N, 3). ``length_m`` and ``radius_m`` (N,) are the limbs' lengths and radii.
     """
 
     start_w: FloatArray

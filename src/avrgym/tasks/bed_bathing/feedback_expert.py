@@ -30,35 +30,35 @@ TOP_PASS_ANGLE_RAD = np.radians(12.0)
 SIDE_PASS_ANGLE_RAD = np.radians(75.0)
 """Angle around the arm of the motion back to the shoulder, from the arm's top outwards."""
 PASS_BORDER_ANGLE_RAD = np.radians(43.0)
-"""Angle around the arm between the motion towards the hand and the motion back."""
+"""Angle around the arm that separates the motion towards the hand from the motion back."""
 ELBOW_BORDER_ANGLE_RAD = np.radians(22.0)
 """``PASS_BORDER_ANGLE_RAD`` at the elbow, where the cloth is tilted."""
 BORDER_WIDTH_RAD = 0.1
-"""Width of the transition between the two motions."""
+"""Width of the transition between these two motions, as an angle around the arm."""
 TURN_BACK_POSITION = 2.9
 """Position along the arm at which the cloth turns back."""
 TURN_BACK_WIDTH = 0.08
-"""Width of this transition, in positions along the arm."""
+"""Width of the transition at ``TURN_BACK_POSITION``, in positions along the arm."""
 LOOKAHEAD_DISTANCE = 0.3
 """Distance from the cloth to its target, in positions along the arm."""
 MAX_LOOKAHEAD_RAD = 0.8
 """Largest angle around the arm from the cloth to its target."""
 APPROACH_HEIGHT_M = 0.045
-"""Height above the skin above which the cloth approaches the arm."""
+"""Minimum height above the skin of a cloth that approaches the arm."""
 APPROACH_END_HEIGHT_M = 0.02
 """Height above the skin at which the approach ends."""
 ELBOW_LIFT_HEIGHT_M = 0.03
 """Height of the cloth above the skin at the elbow."""
 MAX_ADVANCE_HEIGHT_M = 0.01
-"""Height above the skin below which the cloth moves along the arm."""
+"""Maximum height above the skin at which the cloth moves along the arm."""
 MIN_SPEED_SHARE = 0.05
 """Smallest speed along the arm, relative to the full speed."""
 DEPTH_GAIN_M_N = 0.0003
-"""Depth step per newton of force error."""
+"""Depth step in one control step, per newton of force error."""
 MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
-"""Limits of the depth step."""
+"""Minimum and maximum of the depth step in one control step."""
 NO_CONTACT_DEPTH_STEP_M = 0.006
-"""Depth step without contact."""
+"""Depth step in one control step without contact."""
 HEIGHT_RANGE_M = (-0.03, 0.01)
 """Range of the target's height above the skin."""
 
@@ -98,7 +98,7 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
 
 
 def _gradual(offset: FloatArray) -> FloatArray:
-    """Returns a smooth step from 0 to 1; it is 0.5 at 0."""
+    """Returns a smooth step function, 0 to 1. Its value at 0 is 0.5."""
     return 0.5 + 0.5 * elementary.tanh(offset)
 
 

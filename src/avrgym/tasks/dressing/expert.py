@@ -1,6 +1,6 @@
 """Experts for dressing: pull the sleeve's opening along the arm, from a point before the hand to the shoulder.
 
-The target depends on the present state only. The opening faces along the arm. Its direction changes gradually at wrist
+The target depends on the current state only. The opening faces along the arm. Its direction changes gradually at wrist
 and elbow. The robot's hand is on the outer side of the person's arm.
 """
 
@@ -52,9 +52,9 @@ FREE_LAG_M, MAX_LAG_M = 0.03, 0.045
 A large distance means that an obstacle blocks the tool.
 """
 SHOULDER_OVERSHOOT_M = 0.04
-"""Distance that the hoop moves past the point at which the arm is dressed.
+"""Distance of the hoop's goal beyond the point at which the arm is dressed.
 
-It is needed because the free half of the opening lags behind.
+The free half of the opening lags behind the hoop.
 """
 
 
@@ -73,7 +73,7 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
 
 
 def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
-    """Returns the next tool pose and speed along the arm.
+    """Returns the next tool target: a motion of the opening along the arm.
 
     The tool stops if the arm is dressed. It moves back if the force is high or an obstacle blocks it.
     """
@@ -124,10 +124,10 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class DressingExpert:
-    """Pulls the sleeve along the arm. Each control step plans from the servo targets, not from measured angles."""
+    """Pulls the sleeve along the arm. Each plan starts at the servo targets, not at the measured joint angles."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Begin at the present joint angles."""
+        """Starts at the current joint angles."""
         self._episodes, self._planner = episodes, MotionPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:

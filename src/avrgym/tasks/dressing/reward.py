@@ -23,7 +23,7 @@ from avrgym.tasks.person import force_above_limit
 from avrgym.tasks.task import StepResult
 
 DRESSED_SHOULDER_DISTANCE_M = 0.12
-"""The arm is dressed at this distance of the opening from the shoulder joint, along the upper arm.
+"""Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed.
 
 At smaller distances the inner side of the opening touches the torso. Its surface is about 0.1 m from the joint.
 """
@@ -40,7 +40,8 @@ WEIGHTS: Mapping[str, float] = {
     "cloth_force_n": -0.01,
     "strong_cloth_force_n": -0.05,
 }
-"""Task weights, then preference weights, as in the other tasks. A fully dressed arm gives a reward of about 100."""
+"""Weights of the reward terms: first of the task, then of the person's preferences, as in the other tasks. A fully
+dressed arm gives a reward of about 100."""
 
 _GEOMS = list(human.GEOMS)
 HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
@@ -50,7 +51,7 @@ HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
 
 @dataclass(frozen=True)
 class DressingState:
-    """Progress of dressing.
+    """Progress of dressing in N worlds.
 
     ``dressed_m`` (N,) is the largest length of the arm that has been in the sleeve. ``passed`` (N,) is the number of
     ``ARM_POINTS`` that the opening has passed.
@@ -64,8 +65,8 @@ class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
     ``section_start_w`` and ``section_direction_w`` are start point and direction of each section, (N, 3, 3).
-    ``length_m`` (N, 3) is its length. ``section_end_m`` (N, 3) is the distance of its end from the hand's centre along
-    the arm.
+    ``length_m`` (N, 3) are the lengths of the sections. ``section_end_m`` (N, 3) are the distances of their ends from
+    the hand's centre along the arm.
     """
 
     section_start_w: FloatArray
@@ -185,7 +186,7 @@ def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = Fal
 
 
 def is_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
-    """Returns a boolean mask (N,) of closed polylines (N, R, 3) that wind around their axis.
+    """Returns a boolean mask (N,) of the closed polylines ``rim_w`` (N, R, 3) that wind around their axis.
 
     Each axis is given by a point (N, 3) and a unit direction (N, 3).
     """

@@ -16,7 +16,8 @@ from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 APPROACH_ROLLS_DEG = (0.0, -22.5, -45.0)
-"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis. It lowers the robot's hand."""
+"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis. The rotation lowers the robot's
+hand."""
 DISTANCE_COST_S_PER_M = 200.0
 """Cost per metre of distance between rim and mouth."""
 
@@ -26,7 +27,7 @@ CLEARANCE_M = 0.003
 POUR_FORWARD_OFFSET_M, POUR_UPWARD_OFFSET_M = 0.01, 0.01
 """Offsets of the pouring edge from the middle of the mouth: in front of the mouth, and above it.
 
-They are needed because slow water flows backwards along the cup.
+Slow water flows backwards along the cup. The offsets compensate this.
 """
 CARRY_TILT_RAD = np.radians(45.0)
 """Tilt of the cup during the approach. The robot's fingers are then below the chin."""
@@ -57,7 +58,7 @@ class DrinkingExpert:
     """Selects an approach for each person and executes it."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
-        """Plan the approaches to the present people."""
+        """Plan the approaches to the current people."""
         self._cup = cup
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)

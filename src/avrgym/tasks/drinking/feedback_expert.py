@@ -23,7 +23,7 @@ TILT_SPEED_RAD_S = 0.12
 def drinking_target(
     state: State, task_state: TaskState, planner: MotionPlanner, cup: CupShape = DEFAULT_CUP_SHAPE
 ) -> ToolTarget:
-    """Returns the next tool target: move the cup straight to the lips, then increase its present tilt."""
+    """Returns the next tool target: move the cup straight to the lips, then increase its current tilt."""
     approach = expert.Approach(*np.zeros((2, len(planner.pos_w))))
     tilt = expert.clipped_cup_tilt_rad(planner.q_w)
     into = transforms.rotate(expert.approach_heading_q_w(state, approach), expert.FORWARD)

@@ -45,13 +45,13 @@ POUR_STOP_DISTANCE_M = 0.05
 REST_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
 POUR_TILT_RAD = np.radians(89.5)
-"""Tilt at which the last water reaches the rim, measured at a tilt rate of 0.1 rad/s."""
+"""Tilt at which the last water reaches the rim. It was measured in simulation at a tilt rate of 0.1 rad/s."""
 TILT_PER_PARTICLE_RAD = np.radians(0.145)
 """Reduction of the pouring tilt for each particle in the cup. The error is below one degree at any filling."""
 SPILL_MARGIN_RAD = float(np.radians(4.0))
 """Margin below the pouring tilt at which a moving cup spills nothing."""
 TILT_GAIN_PER_S = 3.0
-"""Gain of the approach to the pouring tilt."""
+"""Tilt rate per radian of distance from the pouring tilt, 1/s."""
 POUR_SPEED_RAD_S = 0.03
 """Tilt rate while pouring."""
 LOOK_AWAY_RAD = np.radians(25.0)
@@ -61,14 +61,14 @@ FAR_LOOK_AWAY_RAD = np.radians(33.0)
 EXPECTED_RETURN_ANGLE_RAD = np.radians(8.0)
 """Expected angle of the face after the person has looked far away.
 
-For smaller angles, the expected angle increases. It is ``LOOK_AWAY_RAD`` for a face at ``LOOK_AWAY_RAD``.
+The expected angle increases linearly to ``LOOK_AWAY_RAD`` as the largest angle decreases to ``LOOK_AWAY_RAD``.
 """
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """Rotation of the face since the start below which the person does not look away."""
 MAX_PENETRATION_M = 0.001
 """Distance of the cup past its goal above which it retreats with at least ``RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
-"""Additional standoff of a waiting cup."""
+"""Additional distance from the lips of a cup that waits."""
 LATERAL_OFFSET_M = 0.025
 """Default lateral offset of the cup's reference point from its pouring point.
 
@@ -92,7 +92,7 @@ class DrinkingMemoryExpert:
     """Brings the cup to each of N mouths. Waits while the person looks away, and pours while the mouth is at rest."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
-        """Start at the present poses."""
+        """Start at the current poses."""
         self._cup = cup
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
@@ -154,7 +154,7 @@ def _next_tilt_rad(
     rests: BoolArray,
     away: BoolArray,
 ) -> FloatArray:
-    """Returns the next tilt (N,), from the present tilt, the pouring tilt and the distance to the lips, (N,) each.
+    """Returns the next tilt (N,), from the current tilt, the pouring tilt and the distance to the lips, (N,) each.
 
     ``rests``: the mouth is at rest. ``away``: the person looks away.
     """

@@ -30,7 +30,7 @@ WEIGHTS: Mapping[str, float] = {
     "water_on_person": -1.0,
     "water_entry_speed_m_s": -1.0,
 }
-"""Task weights, then preference weights (paper, section IV; reference).
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference).
 
 The distance is from the pouring edge of the rim to the mouth. ``off_horizontal_rad`` is the angle of the cup's axis
 from the horizontal.
@@ -39,7 +39,8 @@ from the horizontal.
 
 @dataclass(frozen=True)
 class DrinkingState:
-    """State of each water particle, masks (N, K). Particles in ``gone`` have been removed from the scene."""
+    """States of N × K water particles, as boolean masks (N, K). Particles in ``gone`` have been removed from the
+    scene."""
 
     drunk: BoolArray
     spilled: BoolArray
@@ -59,7 +60,7 @@ def init_state(
 def evaluate_step(
     state: State, action: FloatArray, task_state: DrinkingState, cup: CupShape = DEFAULT_CUP_SHAPE
 ) -> StepResult:
-    """Returns the result of a step.
+    """Returns the result of a control step.
 
     Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled.
     """

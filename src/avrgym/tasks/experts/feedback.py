@@ -1,4 +1,4 @@
-"""Feedback experts: their actions depend only on the present state."""
+"""Feedback experts: their actions depend only on the current state."""
 
 from collections.abc import Callable
 
@@ -19,25 +19,25 @@ SPEED_GAIN_PER_S = 2.0
 STANDOFF_PER_OFFSET = 2.0
 """Standoff from the goal per metre of lateral offset beyond the free offset."""
 AVOIDED_JOINT_RANGE_SHARE = 0.35
-"""Share of a joint's range, at each end, that the preferred posture avoids."""
+"""The preferred posture avoids this share of a joint's range at each end."""
 
 
 class FeedbackPlanner(MotionPlanner):
     """A motion planner that continues from the measured joint positions instead of the servo targets.
 
-    A policy observes only the measured positions. The preferred posture is the present posture, moved away from the
+    A policy observes only the measured positions. The preferred posture is the current posture, moved away from the
     joint limits.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the present joint positions."""
+        """Start at the current joint positions."""
         super().__init__(episodes)
         lower, upper = self._chain.lower_limit, self._chain.upper_limit
         ends = AVOIDED_JOINT_RANGE_SHARE * (upper - lower)
         self._middle = lower + ends, upper - ends
 
     def reset_posture(self) -> None:
-        """Set the preferred posture to the present positions, clipped to the middle of the joint ranges."""
+        """Set the preferred posture to the current positions, clipped to the middle of the joint ranges."""
         self._update()
         self.preferred_posture = np.clip(self.joint_positions, *self._middle)
 
@@ -51,7 +51,7 @@ class FeedbackExpert:
     def __init__(
         self, episodes: RunningEpisodes, target: Callable[[State, TaskState, MotionPlanner], ToolTarget]
     ) -> None:
-        """Start at the present joint positions."""
+        """Start at the current joint positions."""
         self._episodes, self._target = episodes, target
         self._planner = FeedbackPlanner(episodes)
 
@@ -73,7 +73,7 @@ def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m
 
 
 def standoff_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
-    """Returns the standoff (N,) from the goal for lateral offsets (N,), in metres.
+    """Returns the standoff (N,) from the goal in metres, for lateral offsets (N,) in metres.
 
     The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``max_m``.
     """

@@ -1,4 +1,4 @@
-"""Experts with a filtered observation of the person. Their tool does not follow a tremor."""
+"""Experts with a low-pass filtered pose of the person. Their tool does not follow a tremor."""
 
 from dataclasses import replace
 
@@ -18,7 +18,7 @@ FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
 def filter_tremor(expert: Expert) -> Expert:
     """Returns the expert with a filtered observation of the person.
 
-    The observed pose of the person is the mean of the present and the previous control step. Tremor changes direction
+    The observed pose of the person is the mean of the current and the previous control step. Tremor changes direction
     at every control step (``people.impairments``). The mean therefore removes the tremor.
     """
 
@@ -36,7 +36,7 @@ class _FilteredEpisodes:
         self._before = self._now = episodes.state()
 
     def look(self) -> None:
-        """Store the present state for the filter. Call it once per control step."""
+        """Store the current state for the filter. Call it once per control step."""
         self._before, self._now = self._now, self._episodes.state()
 
     @property

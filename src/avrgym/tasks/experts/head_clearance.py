@@ -21,7 +21,7 @@ def clearance_shift_m(
 ) -> FloatArray:
     """Returns the shift (N,) of points (N, P, 3) along ``out`` (N, 3), in metres.
 
-    After the shift, all points have at least the clearance ``clearance_m`` (N,) from the head.
+    After the shift, the distance of all points from the head is at least ``clearance_m`` (N,).
     """
     radius = state.person_radius_m[:, HEAD_GEOM_INDICES] + np.asarray(clearance_m)[..., None]
     offset = points_w[:, None] - state.person_segment_w[:, HEAD_GEOM_INDICES, :1]

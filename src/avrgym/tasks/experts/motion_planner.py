@@ -17,7 +17,7 @@ POSTURE_STEP_SHARE = 0.1
 IK_STARTS, MAX_IK_START_OFFSET_RAD = 12, 1.5
 """Number of start poses of the inverse kinematics, and maximum offset of each joint.
 
-The first is the present pose. The others are random poses around it.
+The first is the current pose. The others are random poses around it.
 """
 CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
@@ -45,7 +45,7 @@ class MotionPlanner:
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the present joint positions."""
+        """Start at the current joint positions."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
         self._chain = placement.planning_chain(self.scene)
@@ -124,7 +124,7 @@ class MotionPlanner:
     def find_joint_positions(
         self, pos_w: FloatArray, q_w: FloatArray, tilt_rad: float = np.pi
     ) -> tuple[FloatArray, FloatArray]:
-        """Find joint positions near the present ones for K tool poses in each world, (N, K, 3) and (N, K, 4).
+        """Finds joint positions near the current ones for K tool poses in each world, (N, K, 3) and (N, K, 4).
 
         The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess
         tilt. The collision cost begins at a distance of ``COLLISION_MARGIN_M``. For a collision it is at least
@@ -173,7 +173,7 @@ class MotionPlanner:
     def clearance_m(self, joint_positions: FloatArray, state: State, *, tool: bool) -> FloatArray:
         """Returns the smallest distance (N, M) in metres from person or furniture at joint positions (N, M, J).
 
-        See ``RobotClearance``.
+        See ``RobotClearance.min_distance_m``.
         """
         return self._clearance.min_distance_m(
             joint_positions, state.person_segment_w, state.person_radius_m, tool=tool
@@ -205,7 +205,7 @@ class MotionPlanner:
         return np.abs((joint_positions - self.joint_positions) / self._chain.joint_units).max(axis=-1)
 
     def _unwrap_near(self, joint_positions: FloatArray) -> FloatArray:
-        """Returns joint positions (N, M, J), moved by whole turns towards the present positions.
+        """Returns joint positions (N, M, J), moved by whole turns towards the current positions.
 
         Positions outside of a joint's range are not moved.
         """
@@ -215,11 +215,11 @@ class MotionPlanner:
         return np.where(inside, turned, joint_positions)
 
     def _update(self) -> None:
-        """Continue from the present servo targets."""
+        """Continue from the current servo targets."""
         self._continue_from(self._simulation.joint_targets())
 
     def _continue_from(self, of_arm: FloatArray) -> None:
-        """Continue from joint positions of the arm (N, J) and from the present base."""
+        """Continue from joint positions of the arm (N, J) and from the current base."""
         if self._drive is None:
             self._set_positions(of_arm)
             return
@@ -238,7 +238,7 @@ class MotionPlanner:
 
 
 def _start_offsets(joints: int) -> FloatArray:
-    """Returns the offsets (``IK_STARTS``, J) of the start poses from the present pose, in the chain's units."""
+    """Returns the offsets (``IK_STARTS``, J) of the start poses from the current pose, in the chain's units."""
     others = random_streams.planner_start_generator().uniform(
         -MAX_IK_START_OFFSET_RAD, MAX_IK_START_OFFSET_RAD, (IK_STARTS - 1, joints)
     )

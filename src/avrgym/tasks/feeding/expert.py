@@ -25,7 +25,7 @@ PIECE_COST_S = 3.0
 FAILURE_COST_S = 10.0
 """Cost of a pose with too few pieces of food in the mouth for success."""
 FOOD_SHIFT_MARGIN_M = 0.001
-"""Margin for food that slides on the spoon."""
+"""Margin on the spoon's position for food that slides on the spoon."""
 
 CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
@@ -34,7 +34,7 @@ CLEARANCE_M = 0.002
 APPROACH_STEP_M = 0.0005
 """Distance that the spoon moves closer in a control step if too little food reaches the mouth."""
 MAX_GENTLE_FORCE_N = 4.0
-"""Contact force on the person at which the spoon moves no closer."""
+"""Maximum contact force on the person at which the spoon moves closer."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -43,7 +43,7 @@ class FeedingExpert:
     """Selects a spoon pose for each person. The spoon moves to a point in front of the mouth, then straight in."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan the motion for the present people."""
+        """Plan the motion for the current people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         self._tool, count = episodes.scene.tool, episodes.simulation.num_worlds

@@ -24,7 +24,7 @@ class FeedingMemoryExpert:
     """Acts like the feedback expert, but keeps a standoff while the mouth moves."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the present poses."""
+        """Start at the current poses."""
         self._mouth_w = episodes.state().mouth_pos_w
         self._follow = FeedbackExpert(episodes, self._target)
 

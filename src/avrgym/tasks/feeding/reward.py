@@ -32,12 +32,12 @@ WEIGHTS: Mapping[str, float] = {
     "food_on_person": -1.0,
     "food_entry_speed_m_s": -1.0,
 }
-"""Task weights, then preference weights (paper, section IV; reference)."""
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference)."""
 
 
 @dataclass(frozen=True)
 class FeedingState:
-    """State of each piece of food, masks (N, K). Eaten and dropped pieces have no further events."""
+    """States of N × K pieces of food, as boolean masks (N, K). Eaten and dropped pieces have no further events."""
 
     eaten: BoolArray
     dropped: BoolArray
@@ -94,7 +94,8 @@ def evaluate_step(
 
 
 def strong_tool_force_n(state: State) -> FloatArray:
-    """Returns the contact force (N,) of the tool on the person in newtons; 0 for forces below the limit."""
+    """Returns the contact force (N,) of the tool on the person in newtons. Forces below ``COMFORT_FORCE_LIMIT_N``
+    become 0."""
     return force_above_limit(state.tool_contact_force_n.sum(axis=-1))
 
 

@@ -63,7 +63,7 @@ class ScratchItchExpert:
     """Selects a rod direction for each person. The depth follows the measured force."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan the motion for the present people."""
+        """Plan the motion for the current people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -149,12 +149,12 @@ def rubbing_target(
 ) -> FloatArray:
     """Returns the next position (N, 3) of a tip that circles around the itch.
 
-    The motion along the skin depends only on the tip's present position. The depth depends on the contact force.
+    The motion along the skin depends only on the tip's current position. The depth depends on the contact force.
 
     Args:
         state: physical state of N worlds.
         task_state: contains the itch.
-        pos_w: present target of the tip (N, 3), world frame.
+        pos_w: current target of the tip (N, 3), world frame.
         rod_w: rod direction, unit vectors (N, 3), world frame.
         press: force control.
     """

@@ -25,7 +25,7 @@ CLEARANCE_FORWARD, CLEARANCE_UP = -0.2, 0.2
 The component to the person's right is 1.
 """
 NORMAL_WEIGHT = 0.5
-"""Weight of the skin normal in the hand's direction, see ``hand``."""
+"""Weight of the skin normal in the hand's direction, see ``hand_direction_w``."""
 SIDE_CHANGE_NORMAL_Z = -0.35
 """Vertical component of the skin normal at which the hand changes from above to below the arm."""
 SIDE_CHANGE_WIDTH = 0.17
@@ -81,7 +81,8 @@ def scratching_target(state: State, task_state: ScratchItchState, planner: Motio
 def blended_target(
     state: State, task_state: ScratchItchState, planner: MotionPlanner, in_front: FloatArray
 ) -> ToolTarget:
-    """Returns the target of ``scratching_target``, blended with an approach from the front by a share (N,)."""
+    """Returns the target of ``scratching_target``. The approach from the front has the weight ``in_front`` (N,), 0 to
+    1."""
     limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
     out_w, _ = expert.skin_directions_w(task_state, limb_q_w)
     rod_w = transforms.rotate(planner.q_w, expert.ROD_DIRECTION)
@@ -107,9 +108,9 @@ def blended_target(
 def front_approach_share(
     out_w: FloatArray, inwards: BlendRange = INWARD_RANGE, not_down: BlendRange = NOT_DOWNWARD_RANGE
 ) -> FloatArray:
-    """Returns the share (N,) of the approach from the front for skin normals (N, 3) in the world frame.
+    """Returns the weight (N,) of the approach from the front, 0 to 1, for skin normals (N, 3) in the world frame.
 
-    The share is 0 or 1 for most normals.
+    The weight is 0 or 1 for most normals.
     """
     return np.interp(out_w[:, 0], inwards, ZERO_TO_ONE) * np.interp(out_w[:, 2], not_down, ZERO_TO_ONE)
 
@@ -120,7 +121,7 @@ def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray
     Args:
         rod_w: rod direction, unit vectors (N, 3), world frame.
         out_w: skin normal at the itch, unit vectors (N, 3), world frame.
-        in_front: see ``hand``.
+        in_front: see ``hand_direction_w``.
     """
     axis, angle = _turn(rod_w, -hand_direction_w(out_w, in_front))
     askew_rad = MAX_ROD_ANGLE_RAD + in_front * (FRONT_MAX_ROD_ANGLE_RAD - MAX_ROD_ANGLE_RAD)

@@ -44,7 +44,7 @@ SWINGS = {
 }
 """Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
 SWING_THRESHOLD = 0.5
-"""Value of ``in_front`` above which the arm first swings."""
+"""The arm first swings if ``front_approach_share`` exceeds this value."""
 SWING_COMPLETE_SHARE = 0.85
 """Share of the swing after which the swing is complete."""
 
@@ -59,7 +59,7 @@ class SwingToFront:
     """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: SwingMotion) -> None:
-        """Start at the present poses."""
+        """Start at the current poses."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         self._swing, self._first = swing, self._planner.joint_positions
         self._way = np.array(swing.joint_displacements)

@@ -24,7 +24,7 @@ ITCH_POSITION_RANGE = (0.2, 0.85)
 The range excludes the ends of the limb, which are inside shoulder and elbow.
 """
 ITCH_ANGLE_RANGE_RAD = np.array([np.radians(120.0), np.pi])
-"""Largest angle of the itch around upper arm and forearm, on both sides of the limb's outer side.
+"""Maximum angle of the itch around upper arm and forearm, measured from the limb's outer side in both directions.
 
 The range excludes the third of the upper arm that faces the torso. A robot hand does not fit there.
 """
@@ -37,17 +37,17 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_itch_n": -0.05,
 }
-"""Task weights, then preference weights (paper, section IV; reference)."""
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference)."""
 
 
 @dataclass(frozen=True)
 class ScratchItchState:
-    """The itch, and the scratches up to the present step.
+    """The itch, and the scratches of the episode.
 
     Attributes:
         limb: index in ``RIGHT_ARM_LIMBS`` (N,).
-        itch, last_scratch: positions in the frame of the limb (N, 3), metres.
-        scratches: number of scratches (N,).
+        itch, last_scratch: positions of the itch and of the latest scratch in the frame of the limb (N, 3), metres.
+        scratches: number of scratches in the episode (N,).
     """
 
     limb: IntArray

@@ -80,7 +80,7 @@ class ParticipantTraits:
         sway_hz: frequency of this movement.
         lean_deg: forward lean at rest.
         arm_offset_deg: backward offset of the arms.
-        cooperation_share: share (0 to 1) of the way to the tool that mouth or arm moves.
+        cooperation_share: distance that mouth or arm moves towards the tool, as a share (0 to 1) of the whole distance.
         reaction_time_s: delay of this movement.
         leniency: offset of all ratings, as a share of the scale.
         command_traits: traits of the commands to the robot.

@@ -360,7 +360,7 @@ class OperatorDriver:
     def apply_steering(self, steer: Steer, now_s: float) -> str:
         """Apply the pose of the demonstrator's controller. Returns as ``apply_command``.
 
-        A new clutch, viewpoint or scale pairs the present poses of tool and controller, so the tool does not jump.
+        A new clutch, viewpoint or scale pairs the current poses of tool and controller, so the tool does not jump.
         """
         pose = None if steer.grip is None else controller_pose(steer.grip, steer.xr_from_world)
         if not steer.clutch or pose is None or self._servo is None:

@@ -188,7 +188,7 @@ class LiveWorld:
         return self._episodes.task.expert(self._episodes)
 
     def observe(self) -> FloatArray:
-        """Returns the observation (1, O) of the present state."""
+        """Returns the observation (1, O) of the current state."""
         return self._episodes.observe()
 
     @property
