@@ -280,7 +280,7 @@ def train(
 
 
 def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> None:
-    """Raise ``ValueError`` for an unknown recipe, or for options that cannot be combined."""
+    """Raises ``ValueError`` for an unknown recipe, or for options that cannot be combined."""
     if recipe is not None and recipe not in RECIPES:
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
     fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]

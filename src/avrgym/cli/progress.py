@@ -36,7 +36,7 @@ class WorkRate:
 
     @property
     def per_s(self) -> float:
-        """Amount per second; 0 with only one sample."""
+        """Amount of work per second; 0 with only one sample."""
         (first_s, first), (last_s, last) = self._samples[0], self._samples[-1]
         return (last - first) / (last_s - first_s) if last_s > first_s else 0.0
 

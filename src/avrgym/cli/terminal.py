@@ -57,7 +57,7 @@ def _error_text(error: Exception) -> str:
 
 
 def check_json_file(path: Path | None) -> None:
-    """Raise ``ValueError`` if the JSON file cannot be written. Commands call this before long work.
+    """Raises ``ValueError`` if the JSON file cannot be written. Commands call this before long work.
 
     The path must be that of a new file or of a regular file.
     """
@@ -93,7 +93,7 @@ def print_line(text: str) -> None:
 
 
 def print_skipped(what: str, error: Exception) -> None:
-    """Print an item that the command omits (``what``), and the reason, as one line on stderr."""
+    """Prints one line on stderr: the item ``what`` that the command omits, and the reason."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )

@@ -30,7 +30,7 @@ MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
 MIN_AXIS_RATIO = 2.0
 """Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
 MIN_GESTURE_PAUSE_S = 1.5
-"""Minimum time in seconds between two gestures of a head."""
+"""Minimum time in seconds between two gestures of the same head."""
 _SAMPLES = round(GESTURE_WINDOW_S / MIN_SAMPLE_INTERVAL_S)
 
 HeadGesture = Literal["nod", "shake"]

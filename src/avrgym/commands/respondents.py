@@ -1,7 +1,8 @@
 """Roles of the people that give consent, and of the people that answer questionnaires."""
 
 RESPONDENTS = ("participant", "proxy", "caregiver")
-"""Respondents of questionnaires: the participant; a proxy for the participant; a caregiver for themselves."""
+"""Respondents of questionnaires: the participant; a proxy, who answers for the participant; a caregiver, who gives
+their own answers."""
 PARTICIPANT, PROXY, CAREGIVER = RESPONDENTS
 PARTICIPANT_RESPONDENTS = (PARTICIPANT, PROXY)
 """Allowed respondents of the questions to a participant."""

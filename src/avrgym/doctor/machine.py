@@ -26,7 +26,8 @@ SLEEP_SAMPLE_COUNT = 20
 MAX_OVERSLEEP_SHARE = 0.2
 """Maximum allowed oversleep as a share of a tick, see ``measure_oversleep_s``."""
 BYTES_PER_TRIAL = 1_000_000
-"""Size of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0 MB."""
+"""Size in bytes of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0
+MB."""
 WARNING_TRIAL_COUNT, ERROR_TRIAL_COUNT = 1000, 100
 
 

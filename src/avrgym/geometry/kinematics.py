@@ -275,9 +275,9 @@ class IKSolution:
 MAX_ITERATIONS = 50
 MAX_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
-"""One radian of a rotation error, or of a joint's motion, is equivalent to 0.3 m."""
+"""Length that is equivalent to one radian of a rotation error or of a joint's motion."""
 BLOCK_ROWS = 4096
-"""Number of rows that are computed together. Enough to hide NumPy's call overhead, few enough for the cache."""
+"""Number of rows in one batch of computations. NumPy's call overhead is then small, and the data fit into the cache."""
 
 
 def inverse_kinematics(

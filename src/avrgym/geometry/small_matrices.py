@@ -13,7 +13,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
 MIN_DIVISOR = 1e-30
-"""Smallest divisor. It replaces zero."""
+"""Minimum divisor. It replaces smaller divisors and zero."""
 
 
 def rows_last(rows_first: FloatArray) -> FloatArray:

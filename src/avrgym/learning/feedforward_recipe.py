@@ -80,7 +80,7 @@ def check_configuration(
 
 
 def _check_pairing(environment: str, people: str) -> None:
-    """Raise ``ValueError`` if the human has no actions in the environment, or is a trained human."""
+    """Raises ``ValueError`` if the human has no actions in the environment, or is a trained human."""
     _, joints = human_observer_of(environment)
     if not joints:
         raise ValueError(

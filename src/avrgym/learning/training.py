@@ -208,7 +208,7 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
-    """Raise ``ValueError`` if the worlds (with a cluster: the episodes) need more memory than this computer has."""
+    """Raises ``ValueError`` if the worlds (with a cluster: the episodes) need more memory than this computer has."""
     observation, action = observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs

@@ -65,7 +65,7 @@ def matrix_product(rows: FloatArray, weight: FloatArray) -> FloatArray:
 
 
 def read_only_copy(array: Any) -> FloatArray:
-    """Returns a read-only float64 copy."""
+    """Returns a read-only copy of the array as float64."""
     copy = np.array(array, np.float64, order="C")
     copy.setflags(write=False)
     return copy

@@ -86,8 +86,8 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
 class Policy:
     """A policy: observation normaliser, optional vision or memory, tanh layers, and normally distributed action noise.
 
-    A policy that was trained with action noise may need noise to reach its goal: without it, the robot may stop moving.
-    All arrays are stored as read-only float64.
+    A policy that was trained with action noise may need this noise to reach its goal. Without noise, the robot may
+    stop. All arrays are stored as read-only float64.
 
     Args:
         weights: One (inputs, outputs) matrix per layer. The input of the first layer is the observation, followed by
@@ -259,7 +259,7 @@ def _check_numbers(policy: Policy) -> None:
 
 
 def _check_sums(policy: Policy) -> None:
-    """Raise ``PolicyError`` if the sums of a layer can overflow. The inputs of each layer are bounded, from the second
+    """Raises ``PolicyError`` if the sums of a layer can overflow. The inputs of each layer are bounded, from the second
     layer on by ±1."""
     largest = policy.observation_clip if policy.memory is None else max(policy.observation_clip, 1.0)
     if policy.memory is not None:

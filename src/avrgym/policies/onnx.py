@@ -91,7 +91,7 @@ def load_onnx_controller(
 def _check(
     path: str | os.PathLike[str], environment_id: str, kind: str, tensors: list[Any], size: int
 ) -> None:
-    """Raise ``PolicyError`` if ``tensors`` is not one tensor of shape (size,), (1, size) or (any, size)."""
+    """Raises ``PolicyError`` if ``tensors`` is not one tensor of shape (size,), (1, size) or (any, size)."""
     if len(tensors) == 1 and tensors[0].type in ONNX_DTYPES and _fits(tensors[0].shape, size):
         return
     found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)

@@ -81,7 +81,7 @@ def load_policy(
 
 
 def _check_vision(policy: Policy, path: Path) -> None:
-    """Raise ``PolicyError`` if the policy's vision does not match the images of its camera."""
+    """Raises ``PolicyError`` if the policy's vision does not match the images of its camera."""
     assert policy.vision is not None
     try:
         camera = parse_camera(policy.metadata.camera)

@@ -49,7 +49,8 @@ class InputProfileError(ValueError):
 
 
 class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How a participant selects targets, stops the robot, and receives texts. Default: two controllers.
+    """A participant's input profile: selection of targets, stop of the robot, and presentation of texts. Default: two
+    controllers.
 
     Raises:
         InputProfileError: for a value out of range, a profile without a stop input, or contradictory arms.

@@ -56,7 +56,7 @@ class Recording:
 
     @property
     def result(self) -> AttemptEnd | None:
-        """How the attempt ended, one of ``ATTEMPT_ENDS``; ``None`` if the recording is truncated."""
+        """End of the attempt, one of ``ATTEMPT_ENDS``; ``None`` if the recording is truncated."""
         return None if self.outcome is None else self.outcome.result
 
     @property
@@ -81,7 +81,7 @@ class Recording:
 
 
 def read_recording(path: str | os.PathLike[str]) -> Recording:
-    """Reads a recording until its end or the first damage. Returns its contents.
+    """Reads a recording up to its end, or up to the first damaged data. Returns its contents.
 
     The answers of the answers file (see ``answers_file``) are appended, with the time of the last message.
 

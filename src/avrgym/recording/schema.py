@@ -232,7 +232,7 @@ TOPICS: dict[str, type[Record]] = {
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""How an attempt ended. Only ``completed`` attempts are analysed: the robot finished, and the recording is complete."""
+"""End of an attempt. Only ``completed`` attempts are analysed: the robot finished, and the recording is complete."""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 

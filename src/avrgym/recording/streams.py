@@ -49,7 +49,7 @@ class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
     ``resets``: the corrected clock resets. ``num_raised``: number of times that were increased to the time of the
-    previous sample. Before, jitter had made them smaller.
+    previous sample. Jitter had made these times smaller than the previous ones.
     """
 
     time_s: FloatArray

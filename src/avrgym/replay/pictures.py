@@ -33,7 +33,7 @@ CAPTION_HEIGHT_PX = 40
 TEXT_COLOUR, BACKGROUND_COLOUR = (20, 50, 58), (255, 255, 255)
 """RGB colours of text and its background."""
 IMAGE_SUFFIXES = (".png", ".jpg")
-"""Allowed file name suffixes of an image strip."""
+"""Allowed suffixes of the file of an image strip."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ def _moments(playback: Playback, progress: ProgressCallback) -> Iterator[Display
 
 
 def _titled(picture: RgbImage, text: str) -> RgbImage:
-    """Returns the image with a caption below it."""
+    """Returns the image with the caption ``text`` below it."""
     sheet = Image.new("RGB", (picture.shape[1], picture.shape[0] + CAPTION_HEIGHT_PX), BACKGROUND_COLOUR)
     sheet.paste(Image.fromarray(picture), (0, 0))
     _write(sheet, (picture.shape[1] // 2, picture.shape[0] + CAPTION_HEIGHT_PX // 2), text, "mm")

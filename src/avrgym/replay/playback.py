@@ -20,7 +20,7 @@ from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.vr.session.attempt import control_record
 
 BRAKE_EVENTS = (("phase", "retreat"), ("phase", "free_after"))
-"""Name and detail of the events at which the brakes stop the robot."""
+"""Names and details of the recorded events at which the brakes stop the robot."""
 
 
 class ReplayError(ValueError):
@@ -37,7 +37,7 @@ class ComparedState:
 
     @property
     def identical(self) -> bool:
-        """Whether recorded and recomputed state are equal in every bit."""
+        """Whether recorded and recomputed state are bit-identical."""
         return self.recorded.tobytes() == self.recomputed.tobytes()
 
 

@@ -18,7 +18,7 @@ from avrgym.vr.scene.export_process import export_scene
 from avrgym.vr.session.trial_worlds import resting_person
 
 STATES_PER_FRAME = 2
-"""Every second state becomes a frame: 50 frames per second. The page interpolates between frames."""
+"""Number of states per frame: every second state, 50 frames per second. The page interpolates between frames."""
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):

@@ -1,4 +1,5 @@
-"""Verifies a recording: recomputes it from its initial state, commands and body targets, and compares every bit.
+"""Verifies a recording: recomputes it from its initial state, commands and body targets, and compares all bits of
+states and control steps.
 
 The C library's elementary functions round differently on other processors. Contacts amplify these differences. If bits
 differ, every tick (10 ms) is therefore also recomputed from the previous recorded state. The differences by rounding
@@ -85,12 +86,12 @@ class Verification:
 
     @property
     def identical(self) -> bool:
-        """Whether all states and control steps are equal in every bit."""
+        """Whether all states and control steps are bit-identical."""
         return not self.differences
 
     @property
     def agrees_within_rounding(self) -> bool:
-        """Whether rounding explains all differences."""
+        """Whether rounding errors of the C library explain all differences."""
         return self.tick_error <= MAX_ROUNDING_DIFFERENCE
 
 

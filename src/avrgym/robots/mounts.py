@@ -1,4 +1,4 @@
-"""Mounts of arms next to a person: on furniture, or on a stand (for arms that are too heavy for a wheelchair)."""
+"""Mounts of arms next to a person: on furniture, or on a stand for arms that are too heavy for a wheelchair."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -56,7 +56,7 @@ def write_skeleton(kind: PackageKind, name: str, out: Path | None = None) -> lis
 
 
 def check_name(kind: PackageKind, name: str) -> None:
-    """Raise ``ValueError`` for an invalid or used name of a task, robot or controller."""
+    """Raises ``ValueError`` for an invalid or used name of a task, robot or controller."""
     if not NAME_PATTERN.fullmatch(name) or not name.isascii():
         raise ValueError(
             f"{name!r} cannot be the name of a {kind}; allowed: a capital letter, then letters and "

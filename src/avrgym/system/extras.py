@@ -39,7 +39,7 @@ def extra_of(module: str, preferred: str | None = None) -> str | None:
 
 @cache
 def _extras() -> dict[str, set[str]]:
-    """Returns the distributions of each extra. Nested extras are resolved."""
+    """Returns the names of the distributions of each extra. Nested extras are resolved."""
     try:
         lines = requires("avrgym") or ()
     except PackageNotFoundError:

@@ -62,14 +62,14 @@ def starmap(
 
 
 def report_progress(done: int) -> None:
-    """Report progress from a worker process: ``done`` is the amount since the last report."""
+    """Reports progress of a call: ``done`` is the amount of work since the last report."""
     assert _add is not None
     _add(done)
 
 
 @contextmanager
 def count_progress() -> Generator[Callable[[], int]]:
-    """Context manager: count progress reports. Yields a function that returns their sum."""
+    """Context manager that sums progress reports. Yields a function that returns the sum."""
     global _add
     before, counts = _add, [0]
     _add = counts.append

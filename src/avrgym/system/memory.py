@@ -1,4 +1,4 @@
-"""The computer's memory, and the release of freed memory to the system."""
+"""Size of the computer's memory, and a setting that returns freed memory to the system."""
 
 import ctypes
 import os

@@ -33,7 +33,7 @@ def choose_rendering_backend() -> None:
 
 
 def check_rendering_backend() -> None:
-    """Raise ``ValueError`` if MuJoCo cannot be imported with the value of ``MUJOCO_GL``."""
+    """Raises ``ValueError`` if MuJoCo cannot be imported with the value of ``MUJOCO_GL``."""
     asked = os.environ.get("MUJOCO_GL", "").lower().strip()
     allowed = (*PLATFORM_BACKENDS.get(sys.platform, ()), *COMMON_BACKENDS)
     if asked not in (*allowed, *OTHER_MUJOCO_GL_VALUES):

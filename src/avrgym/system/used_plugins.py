@@ -58,7 +58,7 @@ def avrgym_version() -> str:
 
 
 def plugin_of_entry_point(kind: PluginKind, name: str, entry: EntryPoint) -> UsedPlugin:
-    """Returns the installed version of the plug-in of an entry point."""
+    """Returns the used plug-in of an entry point: its package and installed version."""
     about = {} if entry.dist is None else {"package": entry.dist.name, "version": entry.dist.version}
     return UsedPlugin(
         kind, name, f"{entry.name} = {entry.value}", **about, sha256=content_sha256(entry.module)
@@ -66,7 +66,7 @@ def plugin_of_entry_point(kind: PluginKind, name: str, entry: EntryPoint) -> Use
 
 
 def plugin_of_controller(name: str) -> UsedPlugin:
-    """Returns the controller ``module:attribute`` with a hash of its current files."""
+    """Returns the used plug-in of the controller ``module:attribute``, with a hash of its current files."""
     return UsedPlugin("controller", name, name, sha256=content_sha256(name.partition(":")[0]))
 
 

@@ -65,7 +65,7 @@ class DeviceActionValidator:
         return xp.where(finite, action, 0.0)
 
     def raise_if_invalid(self) -> None:
-        """Raise ``ValueError`` if any action since the last call was not finite."""
+        """Raises ``ValueError`` if any action since the last call was not finite."""
         count = int(self._invalid.sum())
         if count:
             self._invalid = self._invalid & False

@@ -243,7 +243,7 @@ def _owned_context() -> Any:
 
 
 def check_graphics() -> None:
-    """Raise ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
+    """Raises ``RuntimeError`` if nothing can be rendered. The message contains a setting that may help."""
     error = graphics_error()
     if error is not None:
         raise RuntimeError(f"rendering failed: {RENDERING_HINT}; {error}")

@@ -94,14 +94,14 @@ def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
 
 
 def check_arm_scale(arm_scale: float) -> None:
-    """Raise ``ValueError`` for an arm scale out of range."""
+    """Raises ``ValueError`` for an arm scale out of range."""
     low, high = ARM_SCALE_RANGE
     if not low <= arm_scale <= high:
         raise ValueError(f"arm_scale is {arm_scale:.2f}; allowed: {low:g} to {high:g}")
 
 
 def check_torso_height(torso_height_m: float) -> None:
-    """Raise ``ValueError`` for a torso height out of range."""
+    """Raises ``ValueError`` for a torso height out of range."""
     low, high = TORSO_HEIGHT_RANGE_M
     if not low <= torso_height_m <= high:
         raise ValueError(f"the torso height is {torso_height_m:.3f} m; allowed: {low:.2f} to {high:.2f} m")

@@ -17,9 +17,9 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 
 SLEEP_S = 0.001
-"""Duration of a sleep of the monitoring process."""
+"""Requested duration of each sleep of the monitoring process."""
 STEAL_THRESHOLD_S = 0.001
-"""Maximum delay of a sleep by the operating system. A longer delay is CPU steal."""
+"""Maximum delay of a sleep that the operating system causes. Longer delays count as CPU steal."""
 MONITOR_PRIORITY = 50
 """Real-time priority of the monitoring process, 1 to 99. It is higher than that of the simulation."""
 

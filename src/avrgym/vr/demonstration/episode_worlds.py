@@ -1,4 +1,4 @@
-"""Worlds of demonstration episodes: each has another simulated person, drawn from the populations."""
+"""Worlds of demonstration episodes: each contains another simulated person, sampled from the populations."""
 
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
@@ -17,7 +17,7 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.trial_worlds import resting_person
 
 MAX_SAMPLES = 100
-"""Maximum number of sampled people until the robot has enough space next to one."""
+"""Maximum number of sampled people. People next to whom the robot has too little space are rejected."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class EpisodeWorlds:
         return built
 
     def close(self) -> None:
-        """Build no further worlds."""
+        """Stops the construction of worlds."""
         self._future.cancel()
 
     def _request(self) -> None:
@@ -92,7 +92,8 @@ class EpisodeWorlds:
 
 
 def build_world(plan: DemonstrationPlan, first_sample: int) -> EpisodeWorld:
-    """Returns a world with the first sampled person, from ``first_sample`` on, that leaves the robot enough space.
+    """Returns a world with a sampled person that leaves the robot enough space. The first sample has the number
+    ``first_sample``.
 
     Raises:
         NoClearanceError: if ``MAX_SAMPLES`` people leave no space. It is a ``ValueError``.

@@ -31,9 +31,9 @@ from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, vi
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 MARK_EVENT = "demonstration"
-"""Event of a recording with the operator's mark: ``success``, ``no success`` or ``discarded``."""
+"""Name of the recorded event with the operator's assessment: ``success``, ``no success`` or ``discarded``."""
 WATCH_INTERVAL_TICKS = 10
-"""Interval at which the simulated person sees the robot."""
+"""Interval at which the simulated person receives the pose of the robot's tool."""
 
 
 class DemonstrationSession:

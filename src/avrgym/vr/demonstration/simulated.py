@@ -18,7 +18,8 @@ def demonstrate(
     traits: DemonstratorTraits | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
-    """Record all episodes of a session with a planned number. ``progress`` is called after each one."""
+    """Records all episodes of a session with a planned number of episodes. ``progress`` is called after each
+    episode."""
     demonstrator = SimulatedDemonstrator(seed, traits)
     ticks, waited_s, stage = 0, 0.0, session.stage
     while session.stage != "finished":

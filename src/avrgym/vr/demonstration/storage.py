@@ -51,10 +51,10 @@ class EpisodeRow:
 
 
 class DemonstrationFolder:
-    """Table and recordings of the demonstrations of one environment. An existing folder is continued."""
+    """Table and recordings of the demonstrations of one environment. New episodes are added to an existing folder."""
 
     def __init__(self, folder: Path, environment: str) -> None:
-        """Read the table, if there is one.
+        """Reads an existing table.
 
         Raises:
             ValueError: if the folder contains something else, or demonstrations of another environment.
@@ -84,7 +84,8 @@ class DemonstrationFolder:
         return max((int(row["sample"]) + 1 for row in self.rows), default=0)
 
     def count(self, result: Result, *, success: bool | None = None) -> int:
-        """Returns the number of episodes with a result, of which the operator marked a success if it is not None."""
+        """Returns the number of episodes with this result. If ``success`` is given, counts only episodes with this mark
+        of the operator."""
         marks = {None: ("True", "False"), True: ("True",), False: ("False",)}[success]
         return sum(row["result"] == result and row["success"] in marks for row in self.rows)
 
@@ -97,7 +98,7 @@ class DemonstrationFolder:
 
 
 def read_table(table: Path) -> list[dict[str, str]]:
-    """Returns the rows of a table as text. Raises ``ValueError`` for other columns."""
+    """Returns the rows of a table: texts by column. Raises ``ValueError`` if the table has other columns."""
     with table.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)
         rows, columns = list(reader), [field.name for field in fields(EpisodeRow)]

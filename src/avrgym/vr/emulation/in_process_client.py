@@ -8,7 +8,7 @@ from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
 CALIBRATION_STILL_TIME_S = 1.5
-"""Time for which a simulated participant holds still before it presses the trigger."""
+"""Time for which a simulated participant holds still before the press of the trigger."""
 ANSWER_DELAY_S = 1.5
 """Time from the appearance of a question to the answer."""
 MAX_START_ATTEMPTS = 4
@@ -16,7 +16,7 @@ MAX_START_ATTEMPTS = 4
 TRACKING_INTERVAL_TICKS = 2
 """Interval at which a simulated participant sends tracking frames."""
 STATE_INTERVAL_TICKS = 2
-"""Interval at which a simulated participant receives a state. A change of it changes the results of each seed."""
+"""Interval at which a simulated participant receives a state. Results depend on this interval."""
 
 
 class InProcessClient:

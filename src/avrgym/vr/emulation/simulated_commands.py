@@ -10,7 +10,7 @@ from avrgym.system import random_streams
 from avrgym.vr.protocol import messages
 
 PASSIVE_SOURCES: tuple[CommandSource, ...] = ("gaze",)
-"""Input sources that detect a command in the participant's usual motion. They need no deliberate action."""
+"""Input sources that need no deliberate action. They detect a command in the participant's usual motion."""
 GESTURE_HZ, GESTURE_CYCLES, GESTURE_SWING_DEG = 1.8, 2, 12.0
 """A nod or shake of a simulated participant: frequency, number of cycles, and range of motion (assumptions)."""
 GESTURE_DURATION_S = GESTURE_CYCLES / GESTURE_HZ
@@ -19,7 +19,7 @@ GESTURE_DURATION_S = GESTURE_CYCLES / GESTURE_HZ
 
 @dataclass(frozen=True)
 class CommandTraits:
-    """How a participant gives commands. The ranges are assumptions.
+    """Parameters of a participant's commands. Their ranges are assumptions.
 
     ``command_delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss_probability``:
     probability that a command is not detected. ``false_commands_per_min``: number of unintended commands per minute.

@@ -17,9 +17,10 @@ from avrgym.vr.protocol.messages import TICK_S, Steer, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration
 
 REACH_M = 0.35
-"""Distance of the hand from its comfortable position at which the demonstrator opens the clutch and returns."""
+"""Maximum distance of the hand from its comfortable position. Beyond it, the demonstrator opens the clutch and moves
+the hand back."""
 RETURN_S = 0.5
-"""Time in which the hand returns with an open clutch."""
+"""Duration of this motion back, with an open clutch."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class DemonstratorTraits:
         tremor_m: standard deviation of the hand's position noise.
         tremor_rad: standard deviation of the hand's rotation noise.
         speed_noise: standard deviation of the noise of the hand's speed, as a share of the speed.
-        scale: motion of the tool relative to the hand's motion.
+        scale: translation of the tool divided by the translation of the hand.
     """
 
     delay_s: float = 0.2
@@ -47,7 +48,7 @@ class SimulatedDemonstrator:
     """Moves a controller like a person who follows the expert. The room's position and direction are random."""
 
     def __init__(self, seed: int, traits: DemonstratorTraits | None = None) -> None:
-        """``traits``: default values without it."""
+        """Creates a demonstrator. Without ``traits``, the default values are used."""
         self.traits = traits or DemonstratorTraits()
         self._random = random_streams.demonstrator_generator(seed)
         floor_w = np.array([*self._random.uniform(-1.0, 1.0, 2), 0.0])

@@ -51,11 +51,11 @@ LOOK_AT_ARM_OFFSET_RAD = human.seated_joint_angles(head_x=35.0, head_z=-40.0) - 
 )
 """Change of the joint angles (20,) with which a participant looks at the right arm."""
 SWAY_STOP_TIME_S = 0.5
-"""Time in which sway and tremor end after a participant begins to hold still."""
+"""Time after the participant begins to hold still until sway and tremor end."""
 MAX_MOTION_STEP_S = 1.0
 """Maximum duration of the motion between two frames."""
 LENIENCY_STD, RATING_NOISE_STD = 0.08, 0.1
-"""Standard deviations of ratings, as shares of a scale: between participants, and between answers of one
+"""Standard deviations of ratings as shares of the scale: between participants, then between answers of one
 participant."""
 
 RATING_RULES: Mapping[str, Callable[[AttemptResults], float]] = {
@@ -302,7 +302,7 @@ class SimulatedParticipant:
         bodies: Mapping[str, FloatArray],
         marks_w: FloatArray,
     ) -> None:
-        """Applies an action of the policy for 0.1 s. The forces in its observation are 0, because VR has no force
+        """Applies an action of the policy for 0.1 s. Forces in the policy's observation are 0, because VR has no force
         feedback."""
         hips, head, tool = (
             bodies[human.PREFIX + "hips"],

@@ -22,7 +22,7 @@ MAX_CHUNK_SAMPLES = 4096
 MAX_WAITING_CHUNKS = 600
 """Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
 BUFFER_DURATION_S = 60
-"""Length of the receive buffer."""
+"""Duration of the samples in the receive buffer."""
 SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS = 1.0, 5.0
 """A regular stream counts as lost if no samples arrive for this time and this number of intervals."""
 
@@ -48,7 +48,7 @@ class Inlet:
         return [self._chunks.popleft() for _ in range(len(self._chunks))]
 
     def stop(self) -> None:
-        """Request the end of the thread. ``join`` waits for it."""
+        """Requests the end of the thread. ``join`` waits for the end."""
         self._stopping.set()
 
     def join(self) -> None:

@@ -25,7 +25,7 @@ SENT_BODIES = {
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
 BUFFER_DURATION_S = 10
-"""Length of the send buffer."""
+"""Duration of the samples in the send buffer."""
 
 
 class Outlets:

@@ -29,7 +29,7 @@ RandomGenerators = Sequence[np.random.Generator]
 RESPONSE_TIMEOUT_S = 0.08
 """Maximum time in which an external controller must return an action, within the control step of 0.1 s."""
 SIMULATED_RESPONSE_TIMEOUT_S = 10.0
-"""The same maximum in simulated time. There, the session waits for the action."""
+"""The same maximum for sessions in simulated time. These sessions wait for the action."""
 OPERATOR_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time."""
 
@@ -38,7 +38,7 @@ EMPTY_ACTION = np.zeros((1, 0))
 
 
 def zero_action(episodes: Episodes) -> FloatArray:
-    """Returns the zero action (1, A), which stops the robot."""
+    """Returns the action (1, A) with all values zero. It stops the robot."""
     return np.zeros((1, episodes.action_size))
 
 
@@ -309,10 +309,11 @@ class OperatorDriver:
     """Drives the robot with the commands of one human operator at a time. Without commands, it does not move.
 
     The experimenter commands velocities of the hand. A demonstrator can also steer the tool with a controller, see
-    ``policies.tool_servo``. The first who engages drives until they release the robot, or send no command for
-    ``OPERATOR_TIMEOUT_S``.
+    ``policies.tool_servo``. The first operator with a command controls the robot. Control ends when this operator
+    releases the robot, or sends no command for ``OPERATOR_TIMEOUT_S``.
 
-    ``holder``: the role that drives now, or empty. ``driven_by``: the role that drove last in this control step.
+    ``holder``: the role that controls the robot now, or empty. ``driven_by``: the role that drove last in this control
+    step.
     """
 
     failure_message = ""
@@ -345,7 +346,7 @@ class OperatorDriver:
     def apply_command(self, command: Drive, now_s: float) -> str:
         """Apply a velocity command. ``now_s``: the current time on the session's clock.
 
-        Returns why it is refused, once per attempt to drive; otherwise an empty text.
+        Returns the reason if the command is rejected, once per attempt to drive; otherwise an empty text.
         """
         if not command.engaged:
             self._leave(command.source)
@@ -358,9 +359,10 @@ class OperatorDriver:
         return ""
 
     def apply_steering(self, steer: Steer, now_s: float) -> str:
-        """Apply the pose of the demonstrator's controller. Returns as ``apply_command``.
+        """Applies the pose of the demonstrator's controller. Returns the same as ``apply_command``.
 
-        A new clutch, viewpoint or scale pairs the current poses of tool and controller, so the tool does not jump.
+        After a change of clutch, viewpoint or scale, the current poses of tool and controller become the references.
+        The tool therefore does not jump.
         """
         pose = None if steer.grip is None else controller_pose(steer.grip, steer.xr_from_world)
         if not steer.clutch or pose is None or self._servo is None:

@@ -23,7 +23,8 @@ def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
 
 
 def scene_message(number: int, episodes: Episodes, registration: Registration) -> messages.Scene:
-    """Returns the description of the first world's scene, see ``messages.Scene``. ``number``: number of the scene."""
+    """Returns the description of the first world's scene, see ``messages.Scene``. ``number`` is the index of the
+    scene."""
     marks = episodes.task.marks
     people = episodes.people
     head_centre = human.body_layout(people.is_woman, people.torso_height_m).site_pos["head_centre"][0]

@@ -45,8 +45,9 @@ SignedShares = tuple[SignedShare, SignedShare, SignedShare]
 Modality = Literal["controller", "hand", "mouse", "none"]
 """The device that tracks a hand."""
 StopMethod = Literal["button", "triggers", "squeeze", "select", "palm", "gaze", "switch", "page", "key"]
-"""How a participant stops the robot: with a menu button; by holding both triggers, a grip button (squeeze) or the only
-select button; with a raised palm; by looking at the stop sign; with a switch; with the page's button or a key."""
+"""Method with which a participant stops the robot: with a menu button; by holding both triggers, a grip button
+(squeeze) or the only select button; with a raised palm; by looking at the stop sign; with a switch; with the page's
+button or a key."""
 Visibility = Literal["visible", "visible-blurred", "hidden", "context-lost"]
 """Whether the participant sees the scene and can act. The names are those of WebXR and the page visibility API.
 
@@ -150,7 +151,7 @@ class Left(Message, frozen=True, tag="left"):
 
 
 class Ready(Message, frozen=True, tag="ready"):
-    """The participant confirmed with a trigger in a phase that waits for it."""
+    """The participant pressed the trigger to confirm, in a phase that waits for this."""
 
 
 class SceneLoaded(Message, frozen=True, tag="scene_loaded"):
@@ -207,7 +208,7 @@ class Back(Message, frozen=True, tag="back"):
 
 
 class ChooseBody(Message, frozen=True, tag="choose_body"):
-    """The body model to use. A change of the sex requires a new calibration."""
+    """The participant's choice of a body model. A change of the sex requires a new calibration."""
 
     sex: Sex
     skin_tone: Annotated[str, msgspec.Meta(max_length=32)]
@@ -291,7 +292,7 @@ class Command(Message, frozen=True, tag="command"):
 
 
 class ChooseParticipantBody(ChooseBody, frozen=True, tag="choose_body"):
-    """The body model to use, chosen by the experimenter."""
+    """The experimenter's choice of the participant's body model."""
 
 
 class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
@@ -301,7 +302,7 @@ class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
 
 
 OperatorRole = Literal["operator", "demonstrator"]
-"""Who drives the robot: the experimenter (``operator``) or a demonstrator."""
+"""Role that controls the robot: the experimenter (``operator``) or a demonstrator."""
 DemonstrationButton = Literal["start", "success", "discard"]
 
 

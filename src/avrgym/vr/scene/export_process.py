@@ -25,7 +25,7 @@ MAX_CACHED_SCENES = 10
 
 
 def warm_up() -> None:
-    """Does nothing. Before the process runs this first task, it imports its modules."""
+    """Does nothing. With this first task, the process imports its modules in advance."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> bytes:

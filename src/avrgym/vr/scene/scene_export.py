@@ -63,7 +63,8 @@ class SurfaceMaterial:
     def from_material(
         cls, model: mujoco.MjModel, material: int, alpha: float, texture: int = -1
     ) -> "SurfaceMaterial":
-        """Returns the finish of a material id (−1: no material). Values are rounded to limit the number of finishes."""
+        """Returns the surface material of a material id (−1: no material). Rounded values limit the number of different
+        materials."""
         metallic, roughness = (
             (model.mat_metallic[material], model.mat_roughness[material]) if material >= 0 else (-1.0, -1.0)
         )
@@ -131,7 +132,7 @@ class _Export:
         return {"translation": self._data.xpos[body].tolist(), "rotation": [x, y, z, w]}
 
     def _by_finish(self, carrier: int, geoms: Iterable[int]) -> dict[SurfaceMaterial, list[ColouredMesh]]:
-        """Returns the geoms of one node, by finish, in the frame of the node's body."""
+        """Returns the geoms of one node, by surface material, in the frame of the node's body."""
         pieces: dict[SurfaceMaterial, list[ColouredMesh]] = {}
         from_world = np.linalg.inv(pose_matrix(self._data.xpos[carrier], self._data.xquat[carrier]))
         for geom in geoms:
@@ -145,7 +146,7 @@ class _Export:
     def _add_mesh(
         self, pieces: list[ColouredMesh], finish: SurfaceMaterial, *, quantised: bool = True
     ) -> tuple[int, float]:
-        """Adds one mesh of all pieces. Returns its index and the scale of its coordinates."""
+        """Adds one mesh that contains all given meshes. Returns its index and the scale of its coordinates."""
         mesh = trimesh.util.concatenate([piece for piece, _ in pieces])
         assert isinstance(mesh, trimesh.Trimesh)
         rgba = np.concatenate([np.tile(colour, (len(piece.vertices), 1)) for piece, colour in pieces])
@@ -272,7 +273,8 @@ class _Export:
 
 
 def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
-    """Returns the ids of visible geoms, by body id. Bodies that are fixed to each other count as their topmost body."""
+    """Returns the ids of visible geoms, by body id. Bodies that are fixed to each other have the id of their topmost
+    body."""
     found: dict[int, list[int]] = {}
     visible = (model.geom_group == VISUAL_GROUP) & (geom_colours(model)[:, 3] > 0.0)
     for geom in range(model.ngeom):

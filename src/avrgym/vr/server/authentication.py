@@ -86,7 +86,7 @@ class Tokens:
         return tokens
 
     def client_of_token(self, token: str) -> AuthenticatedClient | None:
-        """Returns the caller with this token; ``None`` for an unknown token."""
+        """Returns the client with this token; ``None`` for an unknown token."""
         found: AuthenticatedClient | None = None
         for role in ("participant", "experimenter", "spectator", "demonstrator"):
             if secrets.compare_digest(token.encode(), getattr(self, role).encode()):
@@ -98,7 +98,7 @@ class Tokens:
         return OUTDATED_TOKEN if token else MISSING_TOKEN
 
     def client_of_request(self, headers: Headers) -> AuthenticatedClient | None:
-        """Returns the caller with the bearer token of a request; ``None`` without a known token."""
+        """Returns the client with the bearer token of a request; ``None`` without a known token."""
         scheme, _, token = headers.get("authorization", "").partition(" ")
         return self.client_of_token(token) if scheme == "Bearer" else None
 

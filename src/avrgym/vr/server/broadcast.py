@@ -116,7 +116,8 @@ class Outbox:
 
 
 class Broadcast:
-    """Passes each message of the simulation's thread to connections; see ``is_for_role``."""
+    """Passes each message of the simulation's thread to the connections of the roles that receive it, see
+    ``is_for_role``."""
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None

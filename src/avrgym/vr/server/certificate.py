@@ -63,7 +63,7 @@ def certificate_paths(folder: Path, names: Sequence[str]) -> Certificate:
 
 
 def renewal_reason(wanted: Certificate) -> str | None:
-    """Returns why a new certificate is needed; ``None`` if the current one is valid."""
+    """Returns the reason why a new certificate is needed; ``None`` if the current one is valid."""
     try:
         certificate = x509.load_pem_x509_certificate(wanted.certificate_file.read_bytes())
         key = serialization.load_pem_private_key(wanted.key_file.read_bytes(), None)

@@ -76,7 +76,7 @@ class RateLimit:
         self._left, self._asked_s = float(MAX_BURST_MESSAGES), 0.0
 
     def allows(self, now_s: float) -> bool:
-        """Count one more message. Returns whether it is allowed."""
+        """Counts one message. Returns whether the limit allows it."""
         self._left = (
             min(self._left + MAX_MESSAGES_PER_S * (now_s - self._asked_s), float(MAX_BURST_MESSAGES)) - 1.0
         )
@@ -88,7 +88,8 @@ class RateLimit:
 
 
 class FrameTimes:
-    """Latency of each tracking frame: from its arrival until the first state that includes it is sent."""
+    """Measures the latency of each tracking frame: from its arrival until the server sends the first state that
+    includes it."""
 
     def __init__(self) -> None:
         self._received_s: dict[int, float] = {}
@@ -266,7 +267,7 @@ _OPERATOR_ROLES: dict[Role, OperatorRole] = {"experimenter": "operator", "demons
 
 
 def _refusal(role: Role, message: object) -> str:
-    """Returns why a role may not send a message; empty if it may."""
+    """Returns the reason why a role may not send a message; empty if it may send it."""
     if role == "spectator":
         return "spectators may send no commands; open the experimenter's address"
     if isinstance(message, WatcherRobotCommand):

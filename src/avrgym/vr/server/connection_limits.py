@@ -22,9 +22,10 @@ from avrgym.vr.server.authentication import Tokens
 
 MAX_UNAUTHENTICATED_CONNECTIONS = 256
 FILE_HANDLE_DIVISOR = 4
-"""Unauthenticated connections use at most the process's file handles divided by this number."""
+"""Maximum number of unauthenticated connections: the number of the process's file handles, divided by this number."""
 ADDRESS_DIVISOR = 4
-"""One address may have at most the limit divided by this number. Loopback is exempt, because USB headsets share it."""
+"""Maximum number of unauthenticated connections of one address: the limit divided by this number. Loopback is exempt,
+because USB headsets share it."""
 MAX_CONNECTIONS_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections are treated as unauthenticated."""
 TLS_TIMEOUT_S = 5.0

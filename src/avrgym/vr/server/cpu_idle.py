@@ -18,7 +18,8 @@ ZERO_LATENCY = struct.pack("i", 0)
 
 
 class CpuIdlePrevention:
-    """Prevents or permits idle states. Does nothing without support by the system or without permission."""
+    """Prevents or permits idle states of the processors. Does nothing if the system lacks support or denies
+    permission."""
 
     def __init__(self) -> None:
         self._file: BinaryIO | None = None

@@ -10,7 +10,7 @@ from avrgym.vr.protocol.messages import ParticipantDisconnected, ReceivedMessage
 
 MAX_MESSAGES_PER_TICK = 64
 MAX_HANDLING_TIME_S = 0.002
-"""Maximum time in a tick for the handling of messages. Further messages wait for the next tick."""
+"""Maximum time for messages in a tick. Further messages wait for the next tick."""
 MAX_WAITING_FRAMES = 100
 """Maximum number of waiting tracking frames. Above it the oldest frames are dropped."""
 MAX_WAITING_MESSAGES = 2000

@@ -30,7 +30,8 @@ REAL_TIME_PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended after the next tick was due. ``missed_ticks``: number of ticks that were skipped after it.
+    """A tick that ended too late: after the next tick was due. ``missed_ticks``: number of ticks that were skipped
+    after it.
 
     ``due_s`` and ``ended_s``: when it was due and when it ended, on the monotonic clock.
     """
@@ -50,7 +51,7 @@ class Runnable(Protocol):
 
     @property
     def at_rest(self) -> bool:
-        """Whether nothing moves. A tick may then be some milliseconds late."""
+        """Whether robot and participant are at rest. A tick may then be some milliseconds late."""
         ...
 
     def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
@@ -112,7 +113,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.put(message)
 
     def send_initial_state(self, send: SendMessage, role: messages.Role) -> None:
-        """Make the session send its current state to a new connection."""
+        """Requests the session to send its current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
     def _run(self) -> None:

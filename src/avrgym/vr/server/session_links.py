@@ -57,7 +57,7 @@ def new_link() -> str:
 
 
 def token_sha256(token: str) -> str:
-    """Returns the checksum of a link or another token, which is stored."""
+    """Returns the SHA-256 checksum of a link or another token. Only checksums are stored."""
     return hashlib.sha256(token.encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -86,7 +86,8 @@ class SessionLinks:
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
-        """``ended`` contains the checksums of expired links, with the language of each participant."""
+        """Starts without a current link. ``ended`` maps the checksums of expired links to the participants'
+        languages."""
         self.on_expiry: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None

@@ -34,7 +34,7 @@ CLIENT_INSTALL_HINT = (
     "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 )
 SOCKET_PROTOCOL = socket.IPPROTO_TCP
-"""Set explicitly: asyncio sets TCP_NODELAY only on sockets that specify the protocol."""
+"""Protocol of listening sockets. It is explicit because asyncio sets TCP_NODELAY only on sockets with a protocol."""
 BACKLOG = 1024
 """Maximum number of connections that wait to be accepted."""
 MAX_MESSAGE_BYTES = 1 << 16
@@ -46,11 +46,11 @@ _log = logging.getLogger(__name__)
 
 
 class ServerError(RuntimeError):
-    """The server cannot start; the message contains the reason and a solution."""
+    """Raised if the server cannot start. The message contains the reason and a solution."""
 
 
 def check_client_page(name: str) -> None:
-    """Raise ``ServerError`` if a page of the client is not built."""
+    """Raises ``ServerError`` if a page of the client is not built."""
     if not (STATIC_FOLDER / name).exists():
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 

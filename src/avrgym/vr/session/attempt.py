@@ -178,7 +178,8 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def record_robot_finished(self, now_s: float) -> None:
-        """Record that the robot has finished; ``submit_records`` writes this. The attempt then survives a crash."""
+        """Records that the robot has finished; ``submit_records`` writes this record. After a crash, the attempt then
+        counts as completed."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:
@@ -261,7 +262,7 @@ def attempt_configuration(
     headset: HeadsetCheck | None = None,
     input_profile: InputProfile = DEFAULT_INPUT_PROFILE,
 ) -> TrialConfiguration:
-    """Returns the configuration of an attempt at the plan's trial ``index``."""
+    """Returns the configuration of an attempt at the trial with this ``index`` in the plan."""
     trial, person = plan.trials[index], world.person
     return TrialConfiguration(
         session=session,

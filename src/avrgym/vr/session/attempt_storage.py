@@ -113,7 +113,7 @@ class AttemptStorage:
     def pop_failure(self) -> Exception | None:
         """Returns the observer's error and clears it; ``None`` if there is none.
 
-        Also returns ``None`` if a storage failure was already reported and no further data is at risk.
+        Also returns ``None`` if a storage failure was already reported and no further data can be lost.
         """
         failure = self._sink.pop_failure()
         at_stake = self.attempt is not None or self.completing_trial_index is not None

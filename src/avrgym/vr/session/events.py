@@ -163,7 +163,7 @@ class QuestionsLeft(SessionEvent):
 
 @dataclass(frozen=True)
 class Stopped(SessionEvent):
-    """The robot was stopped; ``way`` is the participant's stop method."""
+    """The robot was stopped. ``way`` is the participant's stop method, ``by`` the role that stopped the robot."""
 
     by: Initiator
     way: StopMethod | None = None
@@ -179,7 +179,7 @@ class RobotCommanded(SessionEvent):
 
 @dataclass(frozen=True)
 class CommandIgnored(SessionEvent):
-    """A command to the robot was ignored; ``reason``: why."""
+    """A command to the robot was ignored. ``reason`` explains why."""
 
     name: CommandName
     source: CommandSource
@@ -193,7 +193,8 @@ class Paused(SessionEvent):
 
 @dataclass(frozen=True)
 class StopRuleMet(SessionEvent):
-    """An answer met a stop rule. ``then``: whether the session pauses or ends. ``why``: the reason as text."""
+    """An answer met a stop rule. ``then`` is ``pause`` or ``end``: the effect on the session. ``why`` is the reason as
+    text."""
 
     then: str
     why: str
@@ -225,7 +226,7 @@ class AnsweredAfterBreak(SessionEvent):
 
 @dataclass(frozen=True)
 class HeadsetUsed(SessionEvent):
-    """The time that the participant spent in VR since the previous event of this type."""
+    """The participant was in VR for ``seconds`` since the previous event of this type."""
 
     seconds: float
 
@@ -270,7 +271,7 @@ class VisibilityFound(SessionEvent):
 
 @dataclass(frozen=True)
 class TimeLost(SessionEvent):
-    """The process was suspended for this time during an attempt."""
+    """The process was suspended for ``seconds`` during an attempt."""
 
     seconds: float
 

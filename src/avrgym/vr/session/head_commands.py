@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import Tracking
 class HeadCommands:
     """Converts head motion to commands: a nod to ``ready``, a shake to ``wait``.
 
-    While the robot waits, a look at the tool means ``ready``. While it continues, a look away means ``wait``.
+    While the robot waits, gaze at the tool is the command ``ready``. While the robot continues, gaze away is ``wait``.
     """
 
     def __init__(self, rules: TrialRules) -> None:
@@ -40,7 +40,7 @@ class HeadCommands:
                 yield COMMANDS_BY_LIMITED_SOURCE[name][0], name
 
     def gaze_commands(self, world: LiveWorld) -> Iterator[tuple[CommandName, CommandSource]]:
-        """Yields the commands from a look at the tool or away from it. Call it after each control step."""
+        """Yields the commands from gaze at the tool or away from it. Call it after each control step."""
         if self._gaze is None or world.pacing is None:
             return
         mode = world.pacing.mode_name(0)

@@ -5,13 +5,13 @@ from typing import Annotated
 import msgspec
 
 WARNING_REMAINING_S = 300.0
-"""If less than this time is left until the limit, the experimenter gets a warning. In seconds."""
+"""Time before the limit, in seconds, at which the experimenter receives a warning."""
 
 Minutes = Annotated[float, msgspec.Meta(ge=0, le=480)]
 
 
 class SessionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Rules for the time in VR. With 0, a rule does not apply.
+    """Rules for the participant's time in VR. A value of 0 disables a rule.
 
     ``break_every_minutes``: time in VR after which a break follows the current trial. ``max_headset_minutes``: time in
     VR after which no further trial begins in this session.

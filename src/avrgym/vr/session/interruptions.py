@@ -9,7 +9,7 @@ from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_LIMIT_S = 1.0
-"""A part of the body is untracked after this time without a measured pose."""
+"""Time without a measured pose after which a part of the body counts as untracked."""
 INVISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",

@@ -45,8 +45,8 @@ class TrialPlan:
 class OpenQuestionnaire:
     """A questionnaire with unanswered items, about a trial of an earlier session.
 
-    ``trial_number`` and ``attempt_number``: their numbers, from 1. ``recording``: the file of the attempt.
-    ``existing_answers``: the existing answers, by the item's identifier.
+    ``trial_number`` and ``attempt_number``: numbers of the trial and of the attempt, from 1. ``recording``: the file of
+    the attempt. ``existing_answers``: the existing answers, by the item's identifier.
     """
 
     trial_number: int
@@ -129,7 +129,7 @@ class SessionPlan:
         return self.settings if trial.settings is None else trial.settings
 
     def questionnaire_after(self, trial: TrialPlan) -> Sequence[Item]:
-        """Returns the items of the questionnaire after a trial, in order."""
+        """Returns the questionnaire items that follow a trial, in order."""
         if trial.practice:
             return ()
         return self.items if trial.items is None else trial.items
@@ -139,7 +139,7 @@ def plan_trials_with_practice(
     environments: Sequence[str], policy: str | None, trials: int, seed: int
 ) -> list[TrialPlan]:
     """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial.
-    Without a policy, each environment has its preferred one."""
+    Without ``policy``, each environment has its default policy."""
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
         TrialPlan(environment, policy or default_policy(environment), seed + i, practice)

@@ -25,14 +25,14 @@ class PreferenceQuestion:
         return Item(self.name, self.text, len(self.values), self.labels[0], self.labels[-1], self.labels)
 
     def answer_of(self, preferences: Preferences) -> int:
-        """Returns the answer that is nearest to a participant's preferences, counted from 1."""
+        """Returns the number of the answer (from 1) that is closest to a participant's preferences."""
         value = getattr(preferences, self.name)
         if isinstance(value, str):
             return self.values.index(value) + 1
         return min(range(len(self.values)), key=lambda index: abs(self.values[index] - value)) + 1
 
     def possible(self, rules: Sequence[TrialRules]) -> "PreferenceQuestion":
-        """Returns the question with the answers that contradict no trial."""
+        """Returns the question without the answers that contradict the rules of a trial."""
         pairs = [
             (value, label)
             for value, label in zip(self.values, self.labels, strict=True)

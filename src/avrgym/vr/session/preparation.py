@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class BodyKey:
-    """The appearance of a person, regardless of pose."""
+    """Identifies the appearance of a person. It does not depend on the pose."""
 
     sex: Sex
     torso_height_m: float

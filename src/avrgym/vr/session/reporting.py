@@ -38,7 +38,7 @@ class StateReporter:
 
     @property
     def status_is_due(self) -> bool:
-        """Whether the session sends its status in this tick."""
+        """Whether the session must send its status in this tick."""
         return self._ticks % STATUS_INTERVAL_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: FirstWorldStep | None) -> None:
@@ -69,7 +69,7 @@ class StateReporter:
         )
 
     def _send_tool_force(self, world: LiveWorld) -> None:
-        """SendMessage the contact force of the tool if it has changed."""
+        """Sends the contact force of the tool if it has changed."""
         force_n = round(float(world.simulation.tool_force_n()[0]), 1)
         if force_n != self._force_n:
             self._force_n = force_n

@@ -217,7 +217,7 @@ class SessionState:
         self.ends_by_rule = self.ends_by_rule or decision.action == "end"
 
     def count_headset_time(self, seconds: float) -> None:
-        """Count time in VR, and report when little of it is left."""
+        """Counts time in VR. Reports a warning when little time is left."""
         if self.absence_text is None:
             self.headset_time.add_time(seconds)
             warning = self.headset_time.pop_warning()
@@ -527,7 +527,7 @@ class SessionState:
         return failure
 
     def complete_attempt(self) -> RecordingError | None:
-        """Stop the robot after it has finished, and complete a running attempt. Returns as ``end_attempt``."""
+        """Stop the robot after it has finished, and complete a running attempt. Returns the same as ``end_attempt``."""
         self.world.stop_robot()
         return self.end_attempt("completed")
 

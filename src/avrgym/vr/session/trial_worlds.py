@@ -53,8 +53,8 @@ class TrialWorlds:
     def prepare(self, trial: int, person: Person) -> None:
         """Start to build a trial's world, if it does not exist and is not in preparation.
 
-        In the same environment with the same settings, the new person has the current pose; in another one, the rest
-        pose of its task.
+        In the same environment with the same settings, the new person has the current pose. Otherwise it has the rest
+        pose of the task.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.world_key):

@@ -38,7 +38,8 @@ it."""
 MAX_TICK_ROTATION_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
 DETOUR_THRESHOLD_RAD = 1.2
-"""If a joint must rotate by more than this, the solver accepts an error of the hand. No motion could avoid it."""
+"""If a joint must rotate by more than this, the solver accepts a pose error of the hand, because no motion can avoid
+it."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
 """Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
 SINGULARITY_ANGLE_RAD = 0.006
@@ -141,7 +142,7 @@ class ArmSolver:
 
 LEAST_SQUARES_STEPS = 2
 CHARACTERISTIC_LENGTH_M = 0.15
-"""Converts a rotation error (rad) to a position error (m)."""
+"""Length that converts a rotation error (rad) to a position error (m)."""
 CLIPPING_TOLERANCE_RAD = 1e-6
 DAMPING_M = 0.02
 _DAMPING = DAMPING_M**2 * np.eye(6)
@@ -362,7 +363,8 @@ def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float
 
 
 def measure_solve_time_ms(calls: int = 1000) -> float:
-    """Returns the median processor time in milliseconds for one arm. The hand circles in front of the chest."""
+    """Returns the median processor time in milliseconds to solve one arm. The hand moves on a circle in front of the
+    chest."""
     solver, angles = ArmSolver(Person()), ARM_REST_ANGLES_RAD[None]
     times: list[float] = []
     for angle in np.linspace(0.0, 2.0 * np.pi, calls):

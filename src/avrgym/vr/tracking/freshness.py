@@ -10,7 +10,7 @@ from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.vr.protocol.messages import Tracking, XRPose
 
 STALE_POSE_AGE_S = 0.2
-"""A pose older than this is stale."""
+"""Age above which a pose is stale."""
 
 
 class MeasurementTimes:

@@ -1,4 +1,4 @@
-"""Filters jumps of tracked poses: the body does not follow a head or hand that moves impossibly fast.
+"""Filters jumps of tracked poses. The body does not follow a head or hand that is faster than the maximum speeds.
 
 The limb keeps its pose until tracking has had no jump for some time. It then moves slowly to the tracked pose. The same
 applies when tracking of a limb continues at another position, after it was lost or its pose was repeated.
@@ -15,15 +15,15 @@ from avrgym.vr.tracking.freshness import is_moved_by_mouse
 MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
 JUMP_RECOVERY_S = 0.1
-"""A pose is valid again after this time without a jump."""
+"""Time without a jump after which poses are valid again."""
 MAX_UNTRACKED_S = 0.2
-"""After this time without tracking, a limb may have moved to any position."""
+"""Time without tracking after which a limb may be at any position."""
 RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
 def min_travel_time_s(one: XRPose, other: XRPose) -> float:
-    """Returns the minimum time between two poses, at the maximum speeds."""
+    """Returns the duration of the motion between two poses at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
@@ -31,7 +31,7 @@ def min_travel_time_s(one: XRPose, other: XRPose) -> float:
 
 
 def interpolate_poses(one: XRPose, other: XRPose, share: float) -> XRPose:
-    """Returns a pose between two poses. ``share`` 0 gives the first pose, 1 the second."""
+    """Returns an interpolated pose: the first pose for ``share`` 0, the second pose for ``share`` 1."""
     nearer = (
         1.0 if sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)) >= 0.0 else -1.0
     )

@@ -22,10 +22,11 @@ WINDOW_SAMPLES = 11
 """Number of samples in one second, including both ends."""
 STEADY_HEAD_RANGE_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
-"""If a resting head is farther than this from the simulated head, the participant has slid."""
+"""Distance between the head at rest and the simulated head above which the participant has slid."""
 MAX_SHIFT_M = 0.6
 MAX_HEAD_RISE_M = 0.1
-"""Maximum distance of a seated participant from the rest position, and above it. Beyond it, they have left the seat."""
+"""Maximum distance and maximum height of the head relative to its rest position. Beyond them, the participant has left
+the seat."""
 SEAT_SPEED_M_S = 0.05
 """Speed of the virtual seat and room. It is low, because the participant sees the motion of the whole scene."""
 

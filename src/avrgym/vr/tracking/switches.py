@@ -27,11 +27,11 @@ MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
 MAX_SWITCH_GAP_S = 2.0
 """Maximum time after the old device's last pose for which a resting hand is assumed not to have moved."""
 REST_RADIUS_M = 0.02
-"""A hand that moves less than this is at rest."""
+"""Maximum displacement of a hand at rest."""
 CORRECTION_FADING_PER_METRE = 0.1
-"""Reduction of the correction in metres per metre of the hand's motion."""
+"""Decrease of the correction, in metres, per metre of the hand's motion."""
 CHARACTERISTIC_LENGTH_M = 0.15
-"""Converts a rotation (rad) to a displacement (m)."""
+"""Length that converts a rotation (rad) to a displacement (m)."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def _grip(hand: HandDevice, pose: XRPose | None, modality: Modality, captured_s:
 
 
 def _held(modality: Modality) -> Modality:
-    """Returns the modality of a hand after the conversion of its pose to a grip pose."""
+    """Returns the modality of a hand whose pose has been converted to a grip pose."""
     return "controller" if modality == "hand" else modality
 
 

@@ -19,8 +19,8 @@ class Phase:
     """One phase of a session. ``message``: the text for the participant. ``time_limit_s``: duration; ``None`` is
     unlimited.
 
-    ``moves``: the participant or the robot moves. ``can_be_stopped``: the robot moves or is about to move, and an
-    emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid.
+    ``moves``: the participant or the robot moves in this phase. ``can_be_stopped``: the robot moves or is about to
+    move, and an emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid.
     ``participant_located``: the participant's position and direction are known, so a trial can start. ``awaits_ready``:
     the trigger continues. ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body
     can be changed, because no trial runs.
@@ -67,11 +67,11 @@ class Phase:
         """Store the intervals between the frames of the last second. Only the headset check uses them."""
 
     def enter_vr(self) -> Phase:
-        """Handle that the participant enters VR, or starts without a headset. Returns the next phase."""
+        """Handles the start of VR, or a start without a headset. Returns the next phase."""
         return self
 
     def leave_vr(self) -> Phase:
-        """Handle that the participant leaves VR. Returns the next phase."""
+        """Handles the end of VR. Returns the next phase."""
         return self
 
     def disconnect(self) -> Phase:
@@ -97,7 +97,7 @@ class Phase:
         return self._refuse("break_follows", by)
 
     def change_preferences(self) -> Phase:
-        """Ask the participant how the robot shall help. Returns the next phase."""
+        """Starts the questions about the participant's preferences for the robot. Returns the next phase."""
         return self._refuse("no_preferences")
 
     def answer(self, answer: messages.Answer) -> Phase:
@@ -202,7 +202,7 @@ class Phase:
         return self
 
     def on_trial_stored(self) -> Phase:
-        """Handle the stored completion of a trial. Returns the next phase."""
+        """Handles that a completed trial is stored. Returns the next phase."""
         return self
 
     def poll(self) -> Phase:
