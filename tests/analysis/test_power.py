@@ -190,7 +190,7 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
     ("participants", "words"),
     [
         (5, "at least 0.0625: no such test can be significant"),
-        (3, "Fewer than 4 participants are not tested."),
+        (3, "No test is computed for fewer than 4 participants."),
         (8, "at least 0.00781."),
     ],
 )

@@ -100,7 +100,7 @@ def test_grades_outside_the_scales_are_rejected(store: Store, scale: str) -> Non
 @pytest.mark.parametrize(
     ("pseudonym", "changes", "follows", "words"),
     [
-        ("sub-003", {}, None, "sub-003 is simulated; allowed: a person"),
+        ("sub-003", {}, None, "sub-003 is a simulated participant; allowed: a person"),
         ("sub-004", {}, None, "there is no sub-004"),
         ("sub-001", {"trial": 9}, None, "there is no trial 9 of sub-001"),
         ("sub-002", {}, 1, "there is no adverse event 1 of sub-002"),

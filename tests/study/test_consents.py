@@ -154,7 +154,7 @@ def test_changed_translation_concerns_only_its_readers(tmp_path: Path) -> None:
     (folder / "texts").mkdir()
     (folder / "texts" / "de.toml").write_text(f"[sentences]\n{json.dumps(text)} = {json.dumps(GERMAN)}\n")
     (wrong,) = wrong_about_consent(folder)
-    assert wrong.startswith(f"[consent] in de is not the text that {german} read")
+    assert wrong.startswith(f"[consent] in de differs from the text that {german} read")
 
 
 def test_line_breaks_do_not_change_a_text(folder: Path) -> None:
@@ -184,7 +184,7 @@ def test_changed_archive_is_found(store: Store) -> None:
     enrol_with_consent(store)
     with store.database.write_transaction() as connection:
         hash_chain.update(connection, schema.CONSENT_TEXT_TABLE, 1, text="I agree to everything")
-    assert "does not have the checksum that was stored with it" in [
+    assert "was changed: its checksum differs from the stored checksum" in [
         each.message for each in about_consent(store.folder) if each.where == "consent_text 1"
     ]
 
@@ -453,7 +453,7 @@ def test_different_texts_of_one_site_are_an_error(tmp_path: Path) -> None:
     assert first
     merge_studies([folder, other], tmp_path / "all")
     (wrong,) = wrong_about_consent(tmp_path / "all")
-    assert wrong == "sub-1001 and sub-1002 read different texts as version 1"
+    assert wrong == "sub-1001 and sub-1002 read different texts with the same version 1"
 
 
 # In the browser ----------------------------------------------------------------------------------------------

@@ -177,7 +177,7 @@ def test_answers_before_a_crash_are_not_requested_again(store: Store) -> None:
         crash(store)
     assert remaining(store, pseudonym, "before_session") == []
     assert [finding.message for finding in check_study(store) if finding.where.startswith("ses-")] == [
-        "has no answer to S_1, S_2"  # after the session
+        "has unanswered items: S_1, S_2"  # after the session
     ]
     assert remaining(store, pseudonym, "before_session") == ["S_1", "S_2"]  # another visit
 

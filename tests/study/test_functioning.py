@@ -99,7 +99,7 @@ def test_invalid_answers_are_rejected(store: Store, changes: dict[str, Any], wor
 def test_answers_require_consent_and_the_design(store: Store, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match="record the consent first"):
         record_functioning(store, enrol_participant(store, "man"), ANSWERS)
-    with pytest.raises(StudyError, match="is simulated; allowed: a person"):
+    with pytest.raises(StudyError, match="is a simulated participant; allowed: a person"):
         record_functioning(store, enrol_with_consent(store), ANSWERS)
     with Store(small_study(tmp_path / "without")) as without:
         pseudonym = enrol_with_consent(without, simulated=False)

@@ -110,7 +110,8 @@ def test_unstored_end_of_a_session_has_exit_code_1(tmp_path: Path, monkeypatch: 
                 _, errors = running.communicate(timeout=2 * PATIENCE_S)
         assert running.returncode == 1
         assert errors.splitlines() == [
-            f"avrgym: the end of ses-01 of {pseudonym} was not stored because the database is busy"
+            f"avrgym: the end of ses-01 of {pseudonym} was not stored because the database is busy; "
+            "the participant's next session ends it"
         ]
 
 

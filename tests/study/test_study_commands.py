@@ -156,7 +156,7 @@ def _mark(store: Store, simulated: bool) -> None:
 DAMAGES: dict[str, tuple[Callable[[Store], object], str, str]] = {
     "missing": (lambda s: s.absolute_path(FIRST).unlink(), FIRST, "is missing"),
     "changed": (lambda s: _flip(s.absolute_path(FIRST)), FIRST, "its checksum differs"),
-    "empty": (lambda s: s.absolute_path(FIRST).write_bytes(b""), FIRST, "does not load"),
+    "empty": (lambda s: s.absolute_path(FIRST).write_bytes(b""), FIRST, "cannot be read"),
     "stray": (lambda s: s.absolute_path("recordings/x.mcap").write_bytes(b""), "recordings/x.mcap", "belongs to "
     "no attempt"),
     "link": (lambda s: s.absolute_path("recordings/x").symlink_to("/"), "recordings/x", "belongs to no attempt"),

@@ -362,12 +362,12 @@ def test_restored_or_renamed_site_is_rejected(sites: list[Path], out: Path, tmp_
     add_participant(sites[1], 1)
     merge_studies(sites, out)
     before = files_in(out)
-    with pytest.raises(StudyError, match="'berlin' is another study than the merged one, or an older copy"):
+    with pytest.raises(StudyError, match="'berlin' differs from the merged study, or is an older copy"):
         merge_studies([older], out)
-    with pytest.raises(StudyError, match="its sub-001 is in the merged study already, under another site"):
+    with pytest.raises(StudyError, match="contains its participant sub-001 under another site"):
         merge_studies([sites[1].rename(tmp_path / "bonn")], out)
     other = make_site(tmp_path / "another" / "berlin")
-    with pytest.raises(StudyError, match="'berlin' is another study than the merged one"):
+    with pytest.raises(StudyError, match="'berlin' differs from the merged study"):
         merge_studies([other], out)
     assert files_in(out) == before
 

@@ -57,7 +57,10 @@ def test_changed_robot_plugin_is_reported(robot: Path, folder: Path) -> None:
         change(robot)
         (note,) = findings(store)
         assert (note.where, note.is_error) == ("robot Jaco", False)
-        assert note.message == f"is {plugins_of(ENVIRONMENT)[0]} now, which no trial used; it was {before}"
+        assert (
+            note.message
+            == f"is installed as {plugins_of(ENVIRONMENT)[0]}, which no trial used; trials used {before}"
+        )
         run_participant(store, first, 1)
         run_participant(store, second, 1)
         (wrong,) = findings(store)

@@ -228,7 +228,7 @@ def test_experimenter_skips_questions_or_ends_the_session(asking: Store) -> None
     loop.ask(loop.sessions.withdraw, pseudonym, "")
     assert asking.participant(pseudonym).state == "withdrawn"
     notes = [finding.message for finding in check_study(asking) if finding.where.startswith("ses-")]
-    assert notes == ["has no answer to strain, effort", "has no answer to nausea, strain, effort"]
+    assert notes == ["has unanswered items: strain, effort", "has unanswered items: nausea, strain, effort"]
     assert not any(finding.is_error for finding in check_study(asking))
     loop.sessions.close(loop.now_s)
 

@@ -1,4 +1,4 @@
-"""Fit behaviour parameters of the partner zoo (``people.zoo``) to recorded motion.
+"""Fit behaviour parameters of the partner models in ``people.zoo`` to recorded motion.
 
 For each participant, the movement parameters are robust least-squares estimates. The behaviour model of the zoo and the
 motor model predict the motion from the recorded tool positions. The Levenberg-Marquardt method starts at the best point
@@ -8,8 +8,8 @@ then shrunk to the group mean, see ``statistics.shrinkage``.
 Sampling variances are computed from differences between trials of one participant, or between the halves of a single
 trial. They are pooled over participants. The variance of a least-squares estimate is first computed for independent
 errors. It is then multiplied by the ratio of the jackknife variance to this variance (Efron, *The Jackknife, the
-Bootstrap and Other Resampling Plans*, 1982). A parameter found by grid search has the variance of its best values in
-the trials.
+Bootstrap and Other Resampling Plans*, 1982). For a parameter found by grid search, the variance is computed from the
+best value in each trial.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,9 +43,10 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "startle_distance_m": (0.2, 0.07),
     "startle_duration_s": (1.0, 0.5),
 }
-"""Movement parameters, with mean and standard deviation of a weak prior. The priors cover the partners of the zoo. If a
-participant's trials contain no information about a parameter (for example, the tool was never near), its variance is
-the prior variance."""
+"""Movement parameters, with mean and standard deviation of a weak prior. The priors cover all partners of the zoo.
+
+A participant's trials may contain no information about a parameter, for example if the tool was never near. The
+parameter then has the prior variance."""
 RHYTHMIC_PARAMETERS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
 FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMIC_PARAMETERS)
 SWAY_STEP_HZ = 0.004

@@ -6,9 +6,9 @@ The result is a TOML file (see ``people.people_file``): torso heights, poses in 
     low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
 This range covers all participants. If the values are uniformly distributed over a width W, the expected values of
-``low`` and ``high`` are the ends of the distribution. The smallest and the largest of n values are on average
-W / (n + 1) away from these ends, and W (n - 1) / (n + 1) away from each other (David and Nagaraja, *Order Statistics*,
-3rd ed., 2003, chapter 2).
+``low`` and ``high`` are the ends of the distribution. On average, the smallest and the largest of n values have the
+distance W / (n + 1) from these ends, and the distance W (n - 1) / (n + 1) from each other (David and Nagaraja, *Order
+Statistics*, 3rd ed., 2003, chapter 2).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -205,7 +205,9 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
     begins = [time_ns for time_ns, event in events if (event.name, event.detail) == ("phase", "trial")]
     targets = recording.messages_by_topic["/body_targets"]
     if not begins or not control or not targets or targets[0][0] > begins[0]:
-        raise ValueError("no trial phase, no control steps, or no joint targets at the start of the trial")
+        raise ValueError(
+            "the recording has no trial phase, no control steps, or no joint targets at the start of the trial"
+        )
     times_ns = np.array([time_ns for time_ns, _ in targets])
     first = int(np.searchsorted(times_ns, begins[0], side="right")) - 1
     last = int(np.searchsorted(times_ns, control[-1][0], side="left"))

@@ -83,7 +83,7 @@ class ParticipantFlow:
 
 
 def participant_flows(store: Store, data: StudyData) -> list[ParticipantFlow]:
-    """Returns the numbers of people, then those of simulated participants. A group without participants is omitted."""
+    """Returns the flow of people, then the flow of simulated participants. A group without participants is omitted."""
     everyone, deleted = store.participants(), store.deleted_participants()
     return [
         _flow(store, [each for each in everyone if each.simulated is simulated], simulated, gone, data)

@@ -6,8 +6,8 @@ Without a plan, the primary results are these tests by participant:
 * the first answer against the midpoint of its scale
 * changes over sessions
 
-With a plan, the primary results are the tests of its hypotheses. All other results are descriptive
-and have no significance stars.
+With a plan, the primary results are the tests of its hypotheses. All other results are descriptive and have no
+significance stars.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

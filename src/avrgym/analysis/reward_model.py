@@ -1,9 +1,9 @@
 """Fit reward weights to participants' ratings of trials (preference learning).
 
 Two trials of a participant with the same task are compared: the trial with the higher sum of answers is preferred. The
-probability of this preference is that of Bradley and Terry (Biometrika 39, 1952), with the sums of rewards as strengths
-(Christiano et al., NeurIPS 2017). The reward of a control step is a linear function of the task's reward terms and of
-the force on the person. Its weights therefore have the meaning of ``Task.weights``, up to a common factor.
+model of this preference is Bradley and Terry's (Biometrika 39, 1952), with sums of rewards as strengths (Christiano et
+al., NeurIPS 2017). The reward of a control step is a linear function of the task's reward terms and of the force on the
+person. The fitted weights are therefore comparable with ``Task.weights``, except for a common factor.
 """
 
 import json
@@ -25,15 +25,20 @@ from avrgym.system.files import write_atomically
 COMFORT_ITEMS = ("L2", "L3")
 """The paper's statements about comfort and safety."""
 FORCE = "force_on_person_n"
+"""Name of the term for the mean contact force on the person (N)."""
 RIDGE = 1.0
 """Strength of the penalty on squared weights of standardised terms."""
 NEWTON_STEPS = 30
 MIN_PARTICIPANTS = 3
+"""Minimum number of participants with comparisons."""
 
 
 @dataclass(frozen=True)
 class RatedTrial:
-    """One completed trial: the sum of the answers, the mean of each term per control step, and the task's reward."""
+    """A completed trial. ``rating``: sum of the answers. ``terms``: mean of each reward term over control steps.
+
+    ``reward``: mean of the task's reward over control steps.
+    """
 
     participant: str
     task: str
@@ -46,10 +51,10 @@ class RatedTrial:
 class RewardModel:
     """The reward weights of one task, fitted to comparisons of trials.
 
-    ``weights``: for each reward term in its unit, such as 1/N; their absolute size has no meaning. ``accuracy``: share
-    of comparisons that the model predicts, each participant with the weights of the others. ``accuracy_of_reward``: the
-    same share for the task's own reward. ``simulated``: all participants are simulated, and their answers follow from
-    formulas.
+    ``participants`` and ``comparisons``: their numbers. ``weights``: weight by reward term, for example in 1/N; only
+    ratios of weights have a meaning. ``accuracy``: share of correctly predicted preferences (leave one participant
+    out). ``accuracy_of_reward``: the same share for the task's reward. ``simulated``: all participants are simulated,
+    and formulas generated their answers.
     """
 
     task: str
@@ -78,14 +83,14 @@ def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[Rewar
     found = [model for model in models if model is not None]
     if not found:
         raise StudyError(
-            f"no task has comparisons of at least {MIN_PARTICIPANTS} participants; a comparison needs two completed "
+            f"no task has comparisons of at least {MIN_PARTICIPANTS} participants. A comparison needs two completed "
             f"trials of a task with different answers to {' and '.join(items)}"
         )
     return found
 
 
 def fit_task(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> RewardModel | None:
-    """Returns the reward model of one task, or ``None`` with comparisons of fewer than three participants."""
+    """Returns the reward model of a task; ``None`` with fewer than ``MIN_PARTICIPANTS`` participants."""
     pairs = list(compare(trials))
     people = list(dict.fromkeys(better.participant for better, _ in pairs))
     if len(people) < MIN_PARTICIPANTS:
@@ -120,8 +125,11 @@ def compare(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTri
 
 
 def fit_weights(differences: FloatArray) -> FloatArray:
-    """Returns the weights (F,) of a logistic regression without intercept, for differences (n, F) of preferred minus
-    other trials. Newton's method; the ridge penalty makes the maximum unique."""
+    """Returns the weights (F,) of a logistic regression without intercept, by Newton's method.
+
+    ``differences`` (n, F): reward terms of the preferred trial minus those of the other trial. The ridge penalty makes
+    the solution unique.
+    """
     weights = np.zeros(differences.shape[1])
     for _ in range(NEWTON_STEPS):
         wrong = 1.0 / (1.0 + np.exp(np.clip(differences @ weights, -30.0, 30.0)))
@@ -139,7 +147,7 @@ def write_models(models: Sequence[RewardModel], out: Path) -> None:
 
 
 def _credit(margins: FloatArray) -> FloatArray:
-    """Returns 1 for predicted preferences, 0 for others, and 0.5 for equal trials."""
+    """Returns 1 for correctly predicted preferences, 0 for wrong predictions, and 0.5 for equal predictions."""
     return (np.sign(margins) + 1.0) / 2.0
 
 

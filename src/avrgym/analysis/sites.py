@@ -49,7 +49,7 @@ class SiteOutcomeRow(ConditionOutcome):
 
 @dataclass(frozen=True, kw_only=True)
 class SiteEffectRow:
-    """An effect size at one site, with one value for each participant. Columns are those of ``ComparisonRow``."""
+    """An effect size at one site, with one value for each participant. Columns: see ``ComparisonRow``."""
 
     simulated: IsSimulated
     site: SiteLabel

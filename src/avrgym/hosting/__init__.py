@@ -6,14 +6,14 @@ host starts these processes, monitors them and replaces crashed ones (``session_
 measured capacity (``capacity``, ``waiting_list``), and forwards WebSockets to sessions as bytes (``tunnel``).
 
 The study's database contains invitations, consents, inclusion answers, events and trials. A participant's stage, which
-is the next step in the study, is computed from them (``stages``). A private file contains the door, the waiting list
-and the links of running sessions (``host_state``). After a crash of the host, its sessions start again at the same
-addresses. After each crash, a session continues with the first incomplete trial.
+is the next step in the study, is computed from them (``stages``). A private file contains the waiting list, the links
+of running sessions, and whether the study is open (``host_state``). After a crash of the host, its sessions start again
+at the same addresses. After each crash, a session continues with the first incomplete trial.
 
 | module | task |
 |---|---|
 | ``settings`` | contents of ``host.toml`` |
-| ``host_state`` | what a restart of the host continues: ``private/host.json`` |
+| ``host_state`` | state that remains after a restart of the host: ``private/host.json`` |
 | ``addresses`` | public address and links |
 | ``rate_limits``, ``headset_codes`` | limits of requests, codes for headsets |
 | ``stages`` | next step of a participant |

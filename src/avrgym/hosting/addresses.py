@@ -20,7 +20,9 @@ def check_address(address: str) -> str:
     if parts.scheme not in ("https", "http") or not host or not is_origin:
         raise ValueError(f"{address!r} is not a public address; allowed: https://HOST or https://HOST:PORT")
     if parts.scheme == "http" and host not in LOOPBACK_HOSTS:
-        raise ValueError(f"{address!r} has no TLS; browsers allow VR only on https pages")
+        raise ValueError(
+            f"{address!r} has no TLS; browsers allow VR only on https pages; allowed: https://HOST"
+        )
     return f"{parts.scheme}://{parts.netloc.lower()}"
 
 

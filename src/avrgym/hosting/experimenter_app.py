@@ -56,7 +56,7 @@ def experimenter_app(
     def experimenter(request: Request) -> AuthenticatedClient:
         caller = tokens.client_of_request(request.headers)
         if caller is None or caller.role != "experimenter":
-            raise HTTPException(401, "open the experimenter's address, which the host printed at its start")
+            raise HTTPException(401, "invalid token; open the experimenter's address, which the host printed")
         return caller
 
     log = DashboardLog(store)

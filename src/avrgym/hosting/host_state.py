@@ -1,7 +1,7 @@
-"""State of the host that a restart continues: the door, the waiting list, and the running sessions.
+"""State of the host that remains after a restart: open or closed, waiting list, and running sessions.
 
-The state is in the private file ``host.json``, which contains the links of running sessions. Participants whose page
-is open therefore reconnect to their session after a crash of the host.
+The private file ``host.json`` contains the state, including the links of running sessions. Open pages of participants
+therefore reconnect to their session after a crash of the host.
 """
 
 import threading
@@ -48,17 +48,17 @@ class HostState:
             self._stored = msgspec.json.decode(data, type=_State)
         except (msgspec.DecodeError, UnicodeDecodeError) as error:
             raise ValueError(
-                f"{self._path} is damaged: {error}; delete it to start with an open door"
+                f"{self._path} is damaged: {error}; delete the file to start without earlier sessions"
             ) from None
 
     @property
     def is_open(self) -> bool:
-        """Whether the study accepts new participants and starts sessions: its door."""
+        """Whether the study accepts new participants and starts sessions."""
         return self._stored.is_open
 
     @property
     def waiting(self) -> tuple[str, ...]:
-        """Pseudonyms of the participants who wait, in order of arrival."""
+        """Pseudonyms of the waiting participants, in order of arrival."""
         return self._stored.waiting
 
     @property
@@ -67,7 +67,7 @@ class HostState:
         return self._stored.sessions
 
     def set_open(self, is_open: bool) -> None:
-        """Open or close the door. Raises ``OSError`` if this cannot be stored; the door then remains as it was."""
+        """Open or close the study. Raises ``OSError`` if the file cannot be written; nothing is changed then."""
         self._store(is_open=is_open)
 
     def set_sessions(self, waiting: tuple[str, ...], sessions: tuple[RunningSession, ...]) -> None:

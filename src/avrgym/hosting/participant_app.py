@@ -160,7 +160,7 @@ def _decide(own: Participation, pseudonym: str, decision: ConsentRequest) -> Non
     stage = own.check_stage(pseudonym, ConsentStage)
     assert isinstance(stage, ConsentStage)
     if (decision.version, decision.sha256) != (stage.version, stage.sha256):
-        raise StudyError("the consent text has changed; reload the page to read the present one")
+        raise StudyError("the consent text has changed; reload the page to read the current text")
     if decision.agreed:
         record_consent(own.store, pseudonym)
     elif own.store.participant(pseudonym).state == "enrolled":
@@ -269,7 +269,7 @@ def participant_app(
         caller = tokens.client_of_request(request.headers)
         if caller is None:
             limited(request)
-            raise HTTPException(401, "open your own link of the study")
+            raise HTTPException(401, "invalid token; open your personal link to the study")
         if not by_participant.allows(caller.experimenter_name):
             raise HTTPException(429, "too many requests; wait a minute")
         return caller.experimenter_name

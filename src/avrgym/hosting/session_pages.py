@@ -22,7 +22,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
     def port_of(session_id: str) -> int:
         session = pool.find(session_id)
         if session is None or session.port is None:
-            raise HTTPException(404, "this session does not run")
+            raise HTTPException(404, "this session is not running; open the study's page to start a session")
         return session.port
 
     app.get(f"/session/{{session_id}}/{path}")(
@@ -62,6 +62,6 @@ def _passed_on(port: int, path: str, request: Request) -> Response:
         passed = {name: value for name in PASSED_RESPONSE_HEADERS if (value := response.headers.get(name))}
         return Response(response.read(), response.status, passed)
     except (OSError, HttpError):
-        raise HTTPException(503, "this session is being restarted") from None
+        raise HTTPException(503, "the server of this session is starting; wait a few seconds") from None
     finally:
         connection.close()

@@ -170,7 +170,7 @@ class SessionPool:
                 return None
             asks_after = bool(self._store.design.items_at_moment("after_session"))
             if not asks_after and not has_unfinished_trials(self._store, pseudonym):
-                raise StudyError(f"{pseudonym} has completed every trial")
+                raise StudyError(f"{pseudonym} has completed all trials; no session remains")
             self._failed.pop(pseudonym, None)
             self._waiting.join(pseudonym, self._clock())
             self._save()
@@ -370,7 +370,9 @@ class SessionPool:
         with self._lock:
             session = self.find(session_id)
             if session is None or session.state == "starting":
-                raise StudyError(f"no session {session_id} runs; reload the page to see the running sessions")
+                raise StudyError(
+                    f"session {session_id} is not running; reload the page to see the running sessions"
+                )
             with suppress(OSError):
                 session.pipe.send(command)
 

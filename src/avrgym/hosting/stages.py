@@ -99,7 +99,7 @@ def stage_of(
         asked = store.design.inclusion
         return InclusionStage(tuple((each.id, texts.translate(each.text)) for each in asked))
     if participant.state not in ("allocated", "completed"):
-        raise StudyError(f"{pseudonym} is {participant.state}; ask the experimenter")
+        raise StudyError(f"the state of {pseudonym} is {participant.state}; contact the experimenter")
     if not has_confirmed_safety(store, participant):
         return SafetyStage()
     return _session_stage(store, settings, pool, pseudonym, is_open=is_open)

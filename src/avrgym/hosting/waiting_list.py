@@ -15,7 +15,7 @@ class WaitingList:
         self._restored: set[str] = set()
 
     def restore(self, pseudonyms: Sequence[str], now_s: float) -> None:
-        """Add participants who waited before a restart. They are not next before their page has asked again."""
+        """Add the waiting participants from before a restart. They can start only after a request of their page."""
         self._seen_s = {**dict.fromkeys(pseudonyms, now_s), **self._seen_s}
         self._restored.update(pseudonyms)
 

@@ -60,7 +60,7 @@ class Scale(NamedTuple):
     """A scale and the computation of its score: ``factor`` times the mean or sum (``function``) of item values.
 
     ``reversed_items``: ids of reversed items. ``item_offset``: number that is added to each item value after reversal.
-    ``items``: item ids; an item that is listed twice counts twice.
+    ``items``: item ids; an item that is listed twice has twice the weight.
     """
 
     name: str
@@ -175,7 +175,7 @@ def check_weights(weighting: Weighting, weights: Mapping[str, int]) -> None:
     names = ", ".join(weighting.item_by_weight)
     if set(weights) != set(weighting.item_by_weight):
         given = ", ".join(weights) or "no item"
-        raise ValueError(f"weights are given for {given}; allowed: one weight for each of {names}")
+        raise ValueError(f"the weights contain {given}; allowed: one weight for each of {names}")
     if not all(0 <= weight <= weighting.max_weight for weight in weights.values()):
         raise ValueError(f"a weight is out of range; allowed: integers from 0 to {weighting.max_weight}")
     total = sum(weights.values())

@@ -39,7 +39,7 @@ def _pair_id(first: str, second: str) -> str:
 
 
 def _weight(factor: str) -> Scale:
-    """Returns the scale of a factor's weight: the number of pairs in which participants chose the factor.
+    """Returns the scale of a factor's weight: the number of pairs with this factor as the participant's choice.
 
     Pairs in which the factor is first are reversed items.
     """

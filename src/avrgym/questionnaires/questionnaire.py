@@ -68,7 +68,7 @@ class Questionnaire(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def instrument(self) -> Instrument | None:
-        """The validated questionnaire with the name ``use``; ``None`` for the study's own items."""
+        """The validated questionnaire with the name ``use``; ``None`` for a questionnaire of the study."""
         return INSTRUMENTS[self.use] if self.use else None
 
     @property

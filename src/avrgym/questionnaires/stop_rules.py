@@ -14,7 +14,7 @@ STOP_ACTIONS = ("pause", "end")
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """If the answer to ``item`` has at least the value ``at_least``, the action ``then`` (pause or end) is executed.
 
-    For a validated questionnaire, the values are those of its response scale. For the study's own items, they are 1 to
+    For a validated questionnaire, values are on its response scale. For other questionnaires, values are from 1 to
     ``points``.
     """
 

@@ -198,7 +198,7 @@ def proxy_answer_note(by_proxy: int, answers: int) -> str:
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the x axis (share of answers). ``beside``: width of the space for tests to the right of the bars."""
+    """Draw the x axis (share of answers). ``beside``: width of the space for tests, to the right of the bars."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)

@@ -110,7 +110,7 @@ def biomechanics_rows(
 ) -> list[BiomechanicsRow]:
     """Returns the distributions of torso height, and of head position by posture.
 
-    First are the rows of participants, then those of the training populations.
+    Rows of participants are first, then rows of the training populations.
     """
     rows: list[BiomechanicsRow] = []
     for group in groups:

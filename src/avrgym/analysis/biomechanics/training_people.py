@@ -72,7 +72,7 @@ def task_posture(task: str) -> str:
 def sample_training_people(design: Design) -> list[SampledPersonRow]:
     """Returns ``PEOPLE_PER_TASK`` sampled people for each population and task.
 
-    The distributions are those of training.
+    The distributions are the same as in training.
     """
     return [
         row

@@ -30,8 +30,8 @@ UNRELIABLE_P_NOTE = "p is unreliable: no variance of this effect between partici
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
     """Drop each task and robot with all values at the same end of the scale (complete separation).
 
-    The effect of such a group is unbounded. The group contains no information about other effects. For mixed models, no
-    group is dropped.
+    The effect of a dropped group would be unbounded. The group contains no information about other effects. For mixed
+    models, no group is dropped.
 
     Returns:
         The remaining values, and a note with the dropped groups. The note is empty if no group was dropped.

@@ -47,7 +47,7 @@ PValuesByTest = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
 class PowerRow:
     """Statistical power of one test of ``measure``.
 
-    ``effect``: simulated effect size in points of a seven-point scale. ``participants``: number of participants who
+    ``effect``: simulated effect size in points of a seven-point scale. ``participants``: number of participants that
     complete each study. ``simulations``: number of simulated studies. ``power``: share of studies with p below 0.05.
     ``corrected_power``: share of studies with p below 0.05 after correction over all primary results. The bounds are
     Wilson's 95 % confidence intervals. p of models is not corrected, because models are sensitivity analyses.

@@ -113,7 +113,7 @@ def min_p_value(participants: int) -> float:
 
 def _min_p_text(participants: int) -> str:
     if participants < MIN_PARTICIPANTS:
-        return f"Fewer than {MIN_PARTICIPANTS} participants are not tested."
+        return f"No test is computed for fewer than {MIN_PARTICIPANTS} participants."
     minimum = min_p_value(participants)
     words = f"p of a test by participant is at least {minimum:.3g}"
     return f"{words}: no such test can be significant." if minimum >= ALPHA else f"{words}."

@@ -15,7 +15,7 @@ DATA_PACKAGE_PROFILE = "tabular-data-package"
 
 
 def analysis_codebook_rows(tables: Sequence[Table]) -> Iterator[dict[str, Any]]:
-    """Yields a row for each column of each table. The format is that of the codebook of study exports."""
+    """Yields a row for each column of each table. The format is the same as in the codebook of study exports."""
     for table in tables:
         for name, column in table.columns.items():
             yield {"table": table.name, "column": name, **asdict(column)}

@@ -309,7 +309,7 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: StudyAnalysis) -> Iterator[str]:
-    """Yields a sentence with each version of each changed item and the participants who answered it."""
+    """Yields a sentence with each version of each changed item, and with the participants that answered it."""
     changed = {base_name(row.item) for row in analysis.item_versions if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
@@ -374,7 +374,7 @@ def _deviations(analysis: StudyAnalysis) -> list[str]:
 
 
 def main_flow(analysis: StudyAnalysis) -> ParticipantFlow | None:
-    """Returns the participant flow of people; without people, that of simulated participants.
+    """Returns the participant flow of people. In a study without people, returns the flow of simulated participants.
 
     Returns ``None`` without participants.
     """

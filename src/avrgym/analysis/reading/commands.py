@@ -11,7 +11,7 @@ from avrgym.recording.schema import Pacing, RobotCommand
 from avrgym.system.columns import Column
 
 AGREEMENT_WINDOW_STEPS = 15
-"""Number of control steps after a command in which the reaction of the robot is measured."""
+"""Number of control steps after a command over which the robot's reaction is measured."""
 MIN_DISTANCE_CHANGE_M = 0.01
 """Minimum change of the distance between tool and target. A smaller change is ignored."""
 NEAR_DISTANCE_M = 0.05

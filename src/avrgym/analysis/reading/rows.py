@@ -1,6 +1,6 @@
 """Table rows with the data of a study: participants, trials, attempts, answers, scores, and others.
 
-Column names contain the unit. Head positions are in the world frame: z points up, the person looks along −y. The column
+Column names contain the unit. Head positions are in the world frame: z points up, the person faces −y. The column
 ``counted`` is true for the trials, answers and scores in the analysis ("analysed" in this package).
 """
 

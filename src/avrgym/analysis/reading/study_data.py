@@ -136,7 +136,7 @@ def read_study_data(
 
 
 def _exclude_by_rules(store: Store, found: StudyData) -> None:
-    """Exclude all trials of participants who violate an exclusion rule of the frozen plan. Report each violation."""
+    """Exclude all trials of participants that violate an exclusion rule of the frozen plan. Report each violation."""
     frozen = read_frozen_plan(store)
     rules = () if frozen is None or frozen.record is None else frozen.record.parsed_plan().exclusion.rules
     reasons: dict[str, str] = {}

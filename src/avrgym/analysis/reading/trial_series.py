@@ -67,7 +67,7 @@ def head_centres(people: People, posture: Posture) -> FloatArray:
 def _body(recording: Recording, posture: Posture) -> BodySeries | None:
     """Returns the body posture from the recorded joint targets.
 
-    Returns ``None`` if targets are missing, or if the joints are not those of the current body model.
+    Returns ``None`` if targets are missing, or if the joints differ from the current body model.
     """
     configuration = recording.configuration
     person = configuration.person

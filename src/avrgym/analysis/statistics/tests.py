@@ -100,7 +100,7 @@ def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Returns exact p: twice the share of sign combinations in which the sum of positive ranks is at most ``smaller``.
+    """Returns exact p: twice the share of sign combinations with a sum of positive ranks of at most ``smaller``.
 
     ``ways[s]``: number of sign combinations of the previous ranks with doubled sum s. Doubled mean ranks are integers.
     """

@@ -92,11 +92,11 @@ def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
 
 
 def _check_stray(store: Store, name: str) -> Finding:
-    """Returns the finding about a file that belongs to no attempt. A killed session can leave such a file."""
+    """Returns the finding about a file that belongs to no attempt. A killed session can leave this file."""
     sessions = [each for person in store.participants() for each in store.sessions(person.pseudonym)]
     own = name.rpartition("/")[0] in {session.recordings_folder for session in sessions}
     if own and not _is_completed(store.folder / name):
-        return Finding(name, "was opened for an attempt that did not begin", is_error=False)
+        return Finding(name, "was created for an attempt that never started", is_error=False)
     return Finding(name, "belongs to no attempt of this study")
 
 
@@ -155,7 +155,7 @@ def _check_participant(
 def _check_session(store: Store, session: StudySession, design: Design) -> Iterator[Finding]:
     """Yields a finding about unanswered items of an ended session.
 
-    After a crash, the next session asks these items. Of the interrupted sessions, only the last session is checked.
+    After a crash, the next session shows these items. Of the interrupted sessions, only the last session is checked.
     """
     answered = items_answered_in_visit(store, session)
     missing = [
@@ -166,7 +166,7 @@ def _check_session(store: Store, session: StudySession, design: Design) -> Itera
     ]
     last = session.id == store.sessions(pseudonym_of(session.participant))[-1].id
     if missing and (session.state == "closed" or (session.state == "interrupted" and last)):
-        yield Finding(str(session), f"has no answer to {', '.join(missing)}", is_error=False)
+        yield Finding(str(session), f"has unanswered items: {', '.join(missing)}", is_error=False)
 
 
 def _check_attempt(
@@ -196,7 +196,7 @@ def _check_attempt(
             attempt.recording, f"is at another station; it was recorded at {session.station}", is_error=False
         )
     elif why := _not_merged(store, attempt):
-        yield Finding(attempt.recording, f"was left out when sites were merged: {why}", is_error=False)
+        yield Finding(attempt.recording, f"was omitted at the merge of sites: {why}", is_error=False)
     elif at := recording_deletion_times(store).get(participant.number):
         yield Finding(attempt.recording, f"was deleted by schedule at {at}", is_error=False)
     elif completed or attempt.sha256 is not None:
@@ -238,14 +238,14 @@ def _check_recording(
     try:
         recording = read_recording(path)
     except (OSError, RecordingError) as error:
-        yield Finding(attempt.recording, f"does not load: {error}", is_error=attempt.state == "completed")
+        yield Finding(attempt.recording, f"cannot be read: {error}", is_error=attempt.state == "completed")
         return
     if attempt.state == "completed" and not recording.complete:
         yield Finding(attempt.recording, "is incomplete, but its trial is completed")
     if attempt.state == "completed" and _common_metrics(recording.metrics) != _common_metrics(
         attempt.metrics
     ):
-        yield Finding(attempt.recording, "contains other metrics than the database")
+        yield Finding(attempt.recording, "contains metrics that differ from the database")
     if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING_STATES:
         held = describe_excess_loss(recording, store.design)
         if held is not None:

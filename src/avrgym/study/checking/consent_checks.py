@@ -23,7 +23,9 @@ def check_consents(store: Store) -> Iterator[Finding]:
         consents, archive = find_rows(connection, ConsentRecord), find_rows(connection, ConsentText)
     for kept in archive:
         if hashlib.sha256(kept.text.encode()).hexdigest() != kept.sha256:
-            yield Finding(f"consent_text {kept.id}", "does not have the checksum that was stored with it")
+            yield Finding(
+                f"consent_text {kept.id}", "was changed: its checksum differs from the stored checksum"
+            )
     if store.sites():
         yield from _check_sites(consents, archive)
     else:
@@ -49,8 +51,8 @@ def _check_present_texts(
         if others:
             yield Finding(
                 FILE,
-                f"[consent] in {language} is not the text that {consenting_participants(others)} read as version "
-                f"{store.design.consent.version}; raise version, or restore their text",
+                f"[consent] in {language} differs from the text that {consenting_participants(others)} read as version "
+                f"{store.design.consent.version}; increase the version, or restore the earlier text",
             )
 
 
@@ -65,4 +67,4 @@ def _check_sites(consents: list[ConsentRecord], archive: list[ConsentText]) -> I
     for (_, version, _), texts in read.items():
         if len(texts) > 1:
             who = " and ".join(consenting_participants(each) for each in texts.values())
-            yield Finding("consent", f"{who} read different texts as version {version}")
+            yield Finding("consent", f"{who} read different texts with the same version {version}")

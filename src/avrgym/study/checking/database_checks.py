@@ -20,7 +20,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import exposed_paths, leftover_temporary_files, restrict_to_owner
 
 _GONE = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
-"""States of participants who are in no analysis."""
+"""States of participants that no analysis includes."""
 _PRIVATE = (DATABASE, HEAD_FILE, CHECKSUM_FILE, PARTICIPATION, RECORDINGS, BACKUP_FOLDER, ANALYSIS)
 
 

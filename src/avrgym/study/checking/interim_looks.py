@@ -1,4 +1,6 @@
-"""Find interim looks in a study's log: views of results before all planned participants completed the study."""
+"""Find interim looks (early views of results) in a study's log.
+
+A view is early if not all planned participants have completed the study."""
 
 from collections import defaultdict
 from collections.abc import Iterator

@@ -32,7 +32,9 @@ def check_participation(store: Store) -> Iterator[Finding]:
 
 def _check_list(store: Store) -> Iterator[Finding]:
     for path in store.database.participation.invalid_copies():
-        yield Finding(path.name, f"is an invalid, replaced {FILE}; find the cause, then remove the file")
+        yield Finding(
+            path.name, f"is an invalid {FILE} that was replaced; find the cause, then remove the file"
+        )
     listed = store.participation_list()
     if listed is None:
         return
@@ -48,8 +50,8 @@ def _check_list(store: Store) -> Iterator[Finding]:
             yield Finding(FILE, message)
         elif content["state"] == DELETED_STATE and number in people:
             message = (
-                f"was deleted at {content['at']} and is in the database again; `avrgym study delete-participant` "
-                "removes them"
+                f"was deleted at {content['at']}, but is in the database again; `avrgym study delete-participant` "
+                "removes the data"
             )
             yield Finding(pseudonym_of(number), message)
 
@@ -117,7 +119,7 @@ def _faults(store: Store, listed: ParticipationEntries, beginnings: Mapping[int,
     for number, began in beginnings.items():
         content = listed.latest_content.get(number)
         if content is None:
-            yield f"does not contain {pseudonym_of(number)}, but there are recordings of them"
+            yield f"does not contain {pseudonym_of(number)}, a participant with recordings"
         elif content["state"] not in (DELETED_STATE, UNKNOWN_PARTICIPATION) and not _consented_before(
             content, began
         ):

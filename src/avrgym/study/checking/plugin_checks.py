@@ -59,7 +59,9 @@ def _findings_of_plugin(label: str, trials: list[RecordedPlugin]) -> Iterator[Fi
     present = trials[0].installed_version
     if present not in by_content:
         recorded = " and ".join(by_content)
-        yield Finding(label, f"is {present} now, which no trial used; it was {recorded}", is_error=False)
+        yield Finding(
+            label, f"is installed as {present}, which no trial used; trials used {recorded}", is_error=False
+        )
 
 
 def _trials_text(trials: Iterable[RecordedPlugin]) -> str:

@@ -17,15 +17,14 @@ from avrgym.study.design.design import Design
 from avrgym.study.storage.store import Store
 
 BlockCounts = tuple[int, int, int]
-"""Counts in a block: all units, units in the group, and selected units."""
+"""Numbers of units (for example trials) in a block: all units, units in the group, and selected units."""
 
 
 def selection_p_value(blocks: Iterable[BlockCounts], selected_in_group: int) -> float:
     """Returns the exact two-sided p-value of ``selected_in_group``, the number of selected units in a group.
 
     Under the null hypothesis, all units of a block are equally likely to be selected. The number is then a sum of
-    hypergeometric variables, one for each block. p is the total probability of all sums that are not more likely than
-    the observed sum.
+    hypergeometric variables, one for each block. p is the total probability of all equally likely or less likely sums.
     """
     probabilities: FloatArray = np.ones(1)
     for block in blocks:
@@ -66,7 +65,7 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
 
 
 def tested_trials(store: Store) -> list[AttemptedTrial]:
-    """Returns the trials of people, or of simulated participants if there are no people."""
+    """Returns the trials of people. In a study without people, returns the trials of simulated participants."""
     simulated = is_simulated_study(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]
 

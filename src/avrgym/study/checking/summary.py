@@ -49,7 +49,7 @@ class ParticipantSummary:
 class StudySummary:
     """Progress of a study.
 
-    ``filled``: number of allocated and completed participants in each cell (trial order) of the design.
+    A cell is a trial order of the design. ``filled``: number of allocated and completed participants in each cell.
     ``completed_cells``: number of completed participants in each cell. ``filled_by_site``: ``filled`` of each site.
     """
 

@@ -73,7 +73,7 @@ class LiveSessions(Protocol):
 
     @property
     def links(self) -> SessionLinks:
-        """The session links; at most one is valid, that of the running session."""
+        """The session links. Only the link of the running session is valid."""
         ...
 
     @property
@@ -250,7 +250,8 @@ def _check_version(dashboard: Dashboard, agreement: ConsentRequest) -> None:
     present = dashboard.store.design.consent.version
     if agreement.version != present:
         raise StudyError(
-            f"the shown consent text has version {agreement.version!r}; the study's has {present!r}: reload the page"
+            f"the displayed consent text has version {agreement.version!r}, but the current version is {present!r}; "
+            "reload the page"
         )
 
 
@@ -362,7 +363,7 @@ def dashboard_app(
     """Returns the web application of a study, to be mounted at ``/study``.
 
     Args:
-        store: the study. All views and actions are added to its audit log.
+        store: the study. All views and actions are added to the study's audit log.
         tokens: the server's tokens; only tokens of experimenters are accepted.
         live: the live sessions of this server; without them, no session can be started.
         addresses: returns the addresses of the participant's page for a link.

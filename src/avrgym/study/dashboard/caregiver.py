@@ -1,4 +1,4 @@
-"""Web application (JSON) of the caregiver's page: the caregiver's own questions about the session."""
+"""Web application (JSON) of the caregiver's page: questions to the caregiver about the session."""
 
 from typing import Any, Protocol
 

@@ -42,7 +42,7 @@ def least_filled_cell(
     Args:
         order: all cells; among equal cells, the first in this order is returned.
         cells_at_site: the cells of participants at the same site.
-        cells_elsewhere: the cells of participants at other sites; compared if several cells are equal at this site.
+        cells_elsewhere: the cells of participants at other sites. They decide if several cells are equal at this site.
     """
     here, others = Counter(cells_at_site), Counter(cells_elsewhere)
     return min(order, key=lambda cell: (here[cell], others[cell]))

@@ -73,11 +73,12 @@ def _variety(row_of: IntArray) -> int:
 def _spread(task_of: IntArray, rows: int) -> IntArray:
     """Returns, for each block, a row index (cells, places) in the Williams square of conditions with ``rows`` rows.
 
-    ``task_of`` (cells, places): the task of each block; each task must be equally often at each place.
-    Each row is equally often at each place and for each task. Proof: tasks and places are the two sides of a regular
-    bipartite graph with an edge for each block. Blocks with the same distance between task and place, and with the same
-    number of earlier cells with that task at that place, are a perfect matching. The matchings distribute the rows
-    evenly.
+    ``task_of`` (cells, places): the task of each block. Each task must occur equally often at each place.
+
+    Each row occurs equally often at each place and for each task. Proof: tasks and places are the two sides of a
+    regular bipartite graph; each block is an edge. Each block has two numbers: the distance between task and place, and
+    the number of earlier cells with this task at this place. Blocks with equal numbers are a perfect matching. The
+    matchings distribute the rows evenly.
     """
     cells, places = map(int, task_of.shape)
     earlier = np.array(

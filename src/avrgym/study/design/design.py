@@ -88,7 +88,7 @@ class RecordingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Condition(ConditionRules, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
     """The rules of a condition, and settings of its scenes.
 
-    ``settings`` replace those of the design. Without them, the settings of the design apply.
+    ``settings`` replace the design's settings; default: the design's settings apply.
     """
 
     settings: Settings = DEFAULT_SETTINGS
@@ -200,7 +200,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return next((each for each in self.questionnaires for own in each.items if own.id == item), None)
 
     def items_at_moment(self, when: str, seed: int = 0) -> tuple[Item, ...]:
-        """Returns the items that are asked at the moment ``when``, in order. ``seed``: the trial's seed, for random
+        """Returns the items that are shown at the moment ``when``, in order. ``seed``: the trial's seed, for random
         orders.
         """
         return items_at_moment(self.questionnaires, when, seed)

@@ -131,5 +131,5 @@ def _is_complete(item: InstrumentItem, words: ItemText | None) -> bool:
 def _describe_missing(instrument: Instrument, missing: list[str]) -> str:
     """Returns the ids of missing items, and the format of their texts, for an error message."""
     ends = all(item.low_label and item.high_label for item in instrument.items)
-    how = '"text"' if ends else '{ text = "text", low = "at 1", high = "at the other end" }'
-    return f"{', '.join(missing)}; allowed: each of them as ID = {how}"
+    how = '"text"' if ends else '{ text = "text", low = "lowest label", high = "highest label" }'
+    return f"{', '.join(missing)}; allowed: each item as ID = {how}"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 ENGLISH = "en"
-"""Language of AVR Gym's own sentences: goals of tasks, and included questionnaires."""
+"""Language of the sentences in AVR Gym: goals of tasks, and included questionnaires."""
 MAX_LISTED_SENTENCES = 3
 """Maximum number of missing sentences in an error message."""
 

@@ -49,7 +49,7 @@ def _check_item(place: ValuePath, item: Item, known: set[str]) -> None:
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``ValidationError`` for the first invalid rule. A rule that no answer or every answer meets is invalid."""
+    """Raise ``ValidationError`` for the first invalid rule. A rule for no answer or for every answer is invalid."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
@@ -59,6 +59,6 @@ def check_stop_rules(rules: StopRules) -> None:
         if not least < rule.at_least <= most:
             raise ValidationError(
                 (*place, "at_least"),
-                f"at_least = {rule.at_least:g} is not useful for {rule.item}; allowed: above {least:g}, "
+                f"at_least = {rule.at_least:g} is out of range for {rule.item}; allowed: above {least:g}, "
                 f"at most {most:g}",
             )

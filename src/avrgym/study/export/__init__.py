@@ -62,8 +62,8 @@ def export_study(
         report: called with the name of each omitted recording and the reason.
 
     Raises:
-        StudyError: for an unknown format or camera, or for extras or cameras that the format cannot contain. Also for
-            a folder that is not empty, a damaged or missing recording, or a missing package of ``avrgym[export]``.
+        StudyError: for an unknown format or camera, or for extras or cameras that the format cannot contain. Also for a
+            non-empty folder, a damaged or missing recording, or a missing package of ``avrgym[export]``.
         RuntimeError: if rendering fails.
     """
     if data_format not in EXPORT_FORMATS:

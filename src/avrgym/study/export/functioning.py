@@ -43,7 +43,7 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
 def suppress_small_counts(counts: Sequence[int], min_group_size: int = MIN_GROUP_SIZE) -> list[int | None]:
     """Returns the counts with ``None`` for suppressed counts.
 
-    Suppressed are counts below ``min_group_size``, and counts from which these could be computed.
+    Counts below ``min_group_size`` are suppressed. Counts that would reveal them are suppressed too.
     """
     hidden = {place for place, number in enumerate(counts) if 0 < number < min_group_size}
     while hidden and (sum(counts[place] for place in hidden) < min_group_size or len(hidden) < 2):

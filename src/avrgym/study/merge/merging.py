@@ -164,7 +164,7 @@ def merge_studies(
 
     Raises:
         StudyError: if studies differ, are the same, lack recordings, or were changed by another program. Also if
-            ``out`` contains other files. Nothing is changed then.
+            ``out`` contains other files. In these cases, nothing is changed.
         DesignError: if a site's ``study.toml`` is invalid.
     """
     _check_places(folders, out)
@@ -295,7 +295,9 @@ def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
     """Store the number of a new site. Raises ``StudyError`` if another merge assigned this number."""
     for known in find_rows(connection, Site, number=site.number):
         if known.name != site.source.name:
-            raise StudyError(f"{known.name!r} was merged at the same time; merge {site.source.name!r} again")
+            raise StudyError(
+                f"another process merged {known.name!r} at the same time; merge {site.source.name!r} again"
+            )
         return
     row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
     hash_chain.insert(connection, schema.SITE_TABLE, **row)

@@ -121,8 +121,8 @@ def check_site_continuation(source: SiteStudy, known: Sequence[Site], people: Se
     for each in others:
         if (each.site_number, each.enrolled_at) in source.enrolment_times.items():
             raise StudyError(
-                f"{source.store.folder}: its {each.site_pseudonym} is in the merged study already, under another "
-                f"site; set `site` in its study.toml to that name ({', '.join(site.name for site in known)})"
+                f"{source.store.folder}: the merged study contains its participant {each.site_pseudonym} under another "
+                f"site; set `site` in its study.toml to this site: {', '.join(site.name for site in known)}"
             )
     taken = {each.site for each in others} | {site.name for site in known if site is not before}
     if shared := sorted(source.site_names & taken):
@@ -138,6 +138,6 @@ def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read_transaction() as connection:
         if hash_chain.missing_heads(connection, [hash_chain.ChainHead(before.entries, before.digest)]):
             raise StudyError(
-                f"{source.store.folder}: the site {source.name!r} is another study than the merged one, or "
-                "an older copy of it: restore its latest copy, or merge into a new folder"
+                f"{source.store.folder}: the site {source.name!r} differs from the merged study, or is an older copy. "
+                "Restore the latest copy, or merge into a new folder"
             )

@@ -2,7 +2,7 @@
 
 Severity is the grade of CTCAE (Common Terminology Criteria for Adverse Events, NCI, version 5.0, 2017). Seriousness has
 the criteria of ICH E2A (1994, section II.B); it is not severity. Relatedness is the attribution that NCI's CTEP uses
-with CTCAE. Outcomes are those of ICH E2B(R3), E.i.7.
+with CTCAE. Outcomes follow ICH E2B(R3), E.i.7.
 """
 
 from collections.abc import Iterable, Iterator
@@ -117,7 +117,7 @@ def record_adverse_event(
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; allowed: a person")
+            raise StudyError(f"{pseudonym} is a simulated participant; allowed: a person")
         own = {"participant": participant.number}
         trial = None
         if report.trial is not None:

@@ -38,7 +38,7 @@ def record_functioning(store: Store, pseudonym: str, answers: FunctioningAnswers
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.simulated:
-            raise StudyError(f"{pseudonym} is simulated; allowed: a person")
+            raise StudyError(f"{pseudonym} is a simulated participant; allowed: a person")
         if participant.consented_at is None:
             raise StudyError(f"{pseudonym} has not consented; record the consent first")
         given = msgspec.to_builtins(answers)
@@ -61,6 +61,6 @@ def _check(answers: FunctioningAnswers) -> None:
     if alone and len(answers.devices) > 1:
         answer = alone.pop()
         raise StudyError(
-            f"devices contains {answer!r} and other answers; allowed: {answer!r} alone, or one or more device classes"
+            f"devices contains {answer!r} and other answers; allowed: only {answer!r}, or one or more device classes"
         )
     check_single_line("the diagnosis", answers.diagnosis)

@@ -42,8 +42,8 @@ def check_duplicate_enrolment(
     )
     if duplicates and not confirmed:
         raise PossibleDuplicateError(
-            f"{duplicates} has the same name or contact. Nothing was stored, because each person takes part once. If "
-            "this is another person, use --confirm-duplicate or confirm it on the dashboard"
+            f"{duplicates} has the same name or contact. Nothing was stored, because each person may enrol only once. "
+            "If this is another person, use --confirm-duplicate or confirm it on the dashboard"
         )
     return duplicates and f"confirmed as another person than {duplicates}"
 

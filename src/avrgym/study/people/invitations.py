@@ -1,8 +1,7 @@
 """Invitations to a hosted study: links with a random token, an expiry time and a number of places.
 
-The study stores only checksums of tokens. A participant who enrols with an invitation receives an own token, which
-opens their page until the study ends. The participant's id at a recruitment service is stored only in the identity
-file.
+The study stores only checksums of tokens. At enrolment, the participant receives a personal token. It opens the
+participant's page until the study ends. Only the identity file contains the participant's id at a recruitment service.
 """
 
 import secrets
@@ -52,7 +51,7 @@ class NewInvitation:
 
 @dataclass(frozen=True)
 class InvitationSummary:
-    """An invitation and the number of participants who enrolled with it. ``state``: ``open`` or a reason."""
+    """An invitation. ``used``: number of participants enrolled with it. ``state``: ``open``, or why it is unusable."""
 
     id: int
     label: str
@@ -133,7 +132,7 @@ def list_invitations(store: Store) -> list[InvitationSummary]:
 
 
 def close_invitation(store: Store, invitation: int) -> None:
-    """Close an invitation: nobody can enrol with it. Raises ``StudyError`` for an unknown id."""
+    """Close an invitation against further enrolments. Raises ``StudyError`` for an unknown id."""
     with store.write_transaction() as connection:
         if not find_rows(connection, Invitation, id=invitation):
             raise StudyError(
@@ -162,13 +161,13 @@ def enrol_invited(
     service: ServiceIds = ServiceIds(),
     simulated: bool = False,
 ) -> tuple[str, str]:
-    """Enrol a participant with an invitation. Returns the pseudonym and the participant's own token.
+    """Enrol a participant with an invitation. Returns the pseudonym and the participant's personal token.
 
-    Arguments: see ``enrol``. ``service.participant`` is stored as the contact in the identity file.
+    Arguments: see ``enrol_participant``. ``service.participant`` is stored as the contact in the identity file.
 
     Raises:
-        InvitationError: if the invitation cannot be used, or if the id at the recruitment service took part already.
-        StudyError: see ``enrol``. The invitation is then not used.
+        InvitationError: if the invitation cannot be used, or if the id at the recruitment service is already enrolled.
+        StudyError: see ``enrol_participant``. The invitation is then not used.
     """
     for what, value in (("study id", service.study), ("session id", service.session)):
         check_single_line(f"the {what}", value)
@@ -201,7 +200,7 @@ def enrol_invited(
 
 
 def participant_of_token(store: Store, token: str) -> str | None:
-    """Returns the pseudonym of the participant with this own token; ``None`` for an unknown token."""
+    """Returns the pseudonym of the participant with this personal token; ``None`` for an unknown token."""
     with store.database.read_transaction() as connection:
         uses = find_rows(connection, InvitationUse, sha256=token_sha256(token))
     number = uses[0].participant if uses else None
@@ -209,7 +208,7 @@ def participant_of_token(store: Store, token: str) -> str | None:
 
 
 def replace_token(store: Store, pseudonym: str) -> str:
-    """Create a new own token of a participant, and return it. The earlier token becomes invalid.
+    """Create a new personal token for a participant. Returns the token. The earlier token becomes invalid.
 
     Raises ``StudyError`` for a participant without an invitation.
     """
@@ -244,7 +243,7 @@ _MESSAGES = {
 
 
 def _refusal(invitation: Invitation, used: int) -> str:
-    """Returns the reason why nobody can enrol with an invitation; empty if somebody can."""
+    """Returns the reason why an invitation cannot be used; empty if it can be used."""
     if invitation.closed_at is not None:
         return "closed"
     if datetime.now(UTC) >= datetime.fromisoformat(invitation.expires_at):

@@ -83,7 +83,7 @@ def enrol_participant(
     if language and language not in languages:
         raise StudyError(f"unknown language {language!r}; allowed in this study: {', '.join(languages)}")
     if simulated and (name or contact):
-        raise StudyError("a simulated participant cannot have a name or contact")
+        raise StudyError("a simulated participant cannot have a name or contact; leave both empty")
     _check_identity(name, contact)
     if site and not NAME_PATTERN.fullmatch(site):
         raise StudyError(f"{site!r} is not a valid site; allowed: at most 40 letters, digits, - and _")
@@ -154,7 +154,7 @@ def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> boo
     """Store a consent to the design's text in the participant's language.
 
     ``role``: one of ``CONSENT_ROLES``. A representative's consent and the participant's assent are two records, in any
-    order; the participant takes part only with both. Returns whether the consent is complete.
+    order. The consent is complete only with both. Returns whether the consent is complete.
 
     Re-consent to a new version changes neither state, order nor earlier consents.
 
@@ -273,10 +273,10 @@ def confirm_participation(store: Store, pseudonym: str, evidence: str) -> str:
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if participant.state != UNKNOWN_PARTICIPATION or participant.cell is None:
-            order = "" if participant.cell is not None else " and has no order of trials"
+            order = "" if participant.cell is not None else " and has no trial order"
             raise StudyError(
-                f"{participant} is {participant.state}{order}; allowed: a participant with unknown state and an "
-                "order of trials, after a rebuild of the database"
+                f"{participant} is {participant.state}{order}; allowed: a participant with unknown state and a "
+                "trial order, after a rebuild of the database"
             )
         after = "completed" if has_completed_study(store, connection, participant) else "allocated"
         about = {"participant": participant.number}
@@ -315,7 +315,7 @@ def edit_note(store: Store, pseudonym: str, note_id: int, text: str) -> None:
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         if not find_rows(connection, ExperimenterNote, id=note_id, participant=participant.number):
-            raise StudyError(f"{pseudonym} has no note {note_id}")
+            raise StudyError(f"{pseudonym} has no note {note_id}; the dashboard lists all notes")
         hash_chain.update(connection, schema.NOTE_TABLE, note_id, text=text)
         record_event(connection, "note changed", f"note {note_id}", {"participant": participant.number})
 

@@ -60,7 +60,7 @@ def due_deletions(store: Store, day: date) -> list[ScheduledDeletion]:
 
 
 def describe_due_deletions(store: Store, day: date) -> Iterator[str]:
-    """Yields a message for each kind of data that must be deleted, and a message if the study's end date is missing."""
+    """Yields a message for each kind of data that must be deleted. Also yields a message if the end date is missing."""
     retention = store.design.retention
     for each in due_deletions(store, day):
         number = len(each.pseudonyms)

@@ -1,9 +1,11 @@
-"""Exclusion rules of a plan: they exclude participants by the quality of their answers, each with a name.
+"""Exclusion rules of a plan. A rule excludes participants by the quality of their answers.
 
-A rule counts the answers of a participant to questionnaires after trials. Excluded participants are listed with the
-rule's name and the measured value, and never removed silently. Three kinds of rules are common in online studies:
-attention items with a known answer (Oppenheimer, Meyvis and Davidenko, Journal of Experimental Social Psychology 45,
-2009), straight-lining, and too fast answers (Curran, Journal of Experimental Social Psychology 66, 2016).
+Rules use a participant's answers to questionnaires after trials. The analysis lists excluded participants with the
+rule's name and the measured value. Three kinds of rules are common in online studies: attention items with a known
+answer, straight-lining (equal answers to all items), and too fast answers.
+
+Sources: Oppenheimer, Meyvis and Davidenko, Journal of Experimental Social Psychology 45, 2009 (attention); Curran,
+Journal of Experimental Social Psychology 66, 2016 (straight-lining, response time).
 """
 
 from collections import defaultdict
@@ -20,16 +22,18 @@ from avrgym.study.storage.store import Store
 Kind = Literal["attention", "straight_lining", "response_time"]
 KINDS: tuple[Kind, ...] = ("attention", "straight_lining", "response_time")
 MIN_ITEMS = 3
-"""Questionnaires with fewer items are not considered for straight-lining."""
+"""Minimum number of items of a questionnaire for straight-lining. Shorter questionnaires are ignored."""
 
 
 class ExclusionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """One rule. ``name``: as in reports.
+    """An exclusion rule. ``name``: name of the rule in reports.
 
-    ``kind``: ``attention`` excludes participants who gave ``item`` another answer than ``allowed`` in a larger share
-    than ``max_share``. ``straight_lining`` excludes participants who gave all items of a questionnaire the same answer
-    in a larger share of questionnaires than ``max_share``. ``response_time`` excludes participants whose median time
-    for an item is below ``min_seconds``.
+    ``kind`` is one of:
+
+    * ``attention``: excludes a participant if more than ``max_share`` of the answers to ``item`` are not ``allowed``
+    * ``straight_lining``: excludes a participant if more than ``max_share`` of the questionnaires have equal answers
+      to all items
+    * ``response_time``: excludes a participant if the median time for an item is below ``min_seconds``
     """
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
@@ -42,12 +46,12 @@ class ExclusionRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omi
 
 @dataclass(frozen=True)
 class AnswerQuality:
-    """Quality of a participant's answers. A value is ``None`` without the answers that it needs.
+    """Quality of a participant's answers. A value is ``None`` if it cannot be computed from the answers.
 
     Attributes:
         participant: the pseudonym.
         answers: number of answers.
-        straight_lined_share: share of questionnaires with ``MIN_ITEMS`` items or more in which all answers are equal.
+        straight_lined_share: share of questionnaires with equal answers to all items.
         median_response_s: median time for an item, in seconds.
     """
 
@@ -59,7 +63,7 @@ class AnswerQuality:
 
 @dataclass(frozen=True)
 class RuleViolation:
-    """A participant who is excluded by a rule. ``reason``: the rule's name with the measured and the allowed value."""
+    """Exclusion of a participant by a rule. ``reason``: the rule's name with the measured and the allowed value."""
 
     participant: str
     rule: str
@@ -67,7 +71,7 @@ class RuleViolation:
 
 
 def rule_fault(rule: ExclusionRule, items: Iterable[str]) -> str:
-    """Returns why a rule does not fit the study's questionnaires after trials; empty if it fits."""
+    """Returns the error of a rule for the study's items after trials (``items``: their ids); empty if it is valid."""
     known = list(items)
     if rule.kind != "attention":
         return "" if not rule.item and not rule.allowed else f"rules of kind {rule.kind} have no item"
@@ -77,7 +81,7 @@ def rule_fault(rule: ExclusionRule, items: Iterable[str]) -> str:
 
 
 def answer_quality(store: Store, pseudonym: str) -> AnswerQuality:
-    """Returns the quality of a participant's own answers to questionnaires after trials."""
+    """Returns the quality of a participant's answers to questionnaires after trials, without answers of a proxy."""
     answers = _own_answers(store, pseudonym)
     times = [each.response_time_s for each in answers]
     return AnswerQuality(
@@ -86,7 +90,7 @@ def answer_quality(store: Store, pseudonym: str) -> AnswerQuality:
 
 
 def straight_lined_share(answers: Sequence[StudyAnswer]) -> float | None:
-    """Returns the share of questionnaires whose answers are all equal; ``None`` without long questionnaires."""
+    """Returns the share of questionnaires with equal answers to all items; ``None`` without long questionnaires."""
     by_attempt: dict[int | None, list[int]] = defaultdict(list)
     for each in answers:
         by_attempt[each.attempt].append(each.value)

@@ -1,7 +1,7 @@
 """Write a study's plan as the fields of a preregistration form.
 
-The fields are those of OSF's standard form (Bowman et al. 2016, doi 10.31222/osf.io/epgjd) and of AsPredicted
-(aspredicted.org), with shortened headings.
+The forms are OSF's standard form (Bowman et al. 2016, doi 10.31222/osf.io/epgjd) and AsPredicted (aspredicted.org). The
+headings are shortened.
 """
 
 from collections.abc import Callable, Iterable, Mapping

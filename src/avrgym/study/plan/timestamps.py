@@ -34,7 +34,7 @@ def sort_certificates(response: bytes) -> bytes:
     """Returns the response of a time stamping authority with sorted certificates, as DER requires.
 
     Raises:
-        IndexError: if the bytes are not such a response.
+        IndexError: if the bytes are not a response of an authority.
     """
     start, end = 0, len(response)
     for place in _PATH:

@@ -52,8 +52,8 @@ DROPOUT_STATES = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
 class DryRunSettings:
     """Settings of a dry run.
 
-    ``population_name``: name of the population. ``populations``: the populations with this name, from which each
-    participant is sampled. ``impairment``: impairment of all participants.
+    ``population_name``: name of the population. ``populations``: the populations with this name. Each participant is
+    sampled from one of them. ``impairment``: impairment of all participants.
     """
 
     seed: int
@@ -213,7 +213,7 @@ def _draw_answers(store: Store, participant: int, rng: np.random.Generator) -> N
 
 
 def _run_trial(visit: StudyVisit, dry_run: DryRunSettings) -> None:
-    """Run the first remaining trial in its own VR session."""
+    """Run the first remaining trial in a separate VR session."""
     plan = visit.plan_trials()
     number = plan.first_trial
     traits = draw_participant_traits(visit.store.participant(visit.pseudonym), dry_run)
@@ -246,7 +246,7 @@ def _consent_and_include(store: Store, pseudonym: str, dry_run: DryRunSettings) 
         add_note(store, pseudonym, note)
     elif notes[0] != note:
         raise StudyError(
-            f"{pseudonym} was {notes[0]!r}, not {note!r}; allowed: the same seed, people and motion"
+            f"{pseudonym} was {notes[0]!r}, but this run has {note!r}; allowed: the same seed, people and motion"
         )
     participant = store.participant(pseudonym)
     if participant.state == "enrolled" or participant.must_reconsent(store.design.consent.version):

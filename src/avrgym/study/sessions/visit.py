@@ -157,7 +157,7 @@ class StudyVisit:
             )
         except NoClearanceError as error:
             raise StudyError(
-                f"{self.identifier} cannot start: {error}; `avrgym study check` lists all bodies without a start"
+                f"{self.identifier} cannot start: {error}; `avrgym study check` lists bodies without an initial state"
             ) from error
 
     def _store_policies(self) -> None:
@@ -237,7 +237,8 @@ class StudyVisit:
             self.end().result(SESSION_END_TIMEOUT_S)
         except TimeoutError as error:
             raise StudyError(
-                f"the end of {self.stored} was not stored because the database is busy"
+                f"the end of {self.stored} was not stored because the database is busy; the participant's next "
+                "session ends it"
             ) from error
 
     def _end(self) -> None:
@@ -418,7 +419,7 @@ class EventRecorder:
         self._began_s = begun.time_s
 
     def _settle(self) -> None:
-        """End a running attempt whose end could not be stored."""
+        """End a running attempt after its end could not be stored."""
         for attempt in self._store.attempts(self._pseudonym):
             if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
                 end_incomplete_attempt(self._store, attempt.id, "failed")

@@ -325,7 +325,7 @@ def _insert_answer(
 
 
 def _respondent(connection: sa.Connection, session_id: int) -> str | None:
-    """Returns the person who answers for the participant of a session; ``None`` for the participant."""
+    """Returns the respondent of a session's participant; ``None`` if the participant answers."""
     session = find_row(connection, StudySession, f"session {session_id}", id=session_id)
     return find_row(connection, Participant, "participant", number=session.participant).respondent
 

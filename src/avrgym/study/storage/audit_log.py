@@ -117,7 +117,7 @@ def _next_id(connection: sa.Connection) -> int:
 def _progress(store: Store, connection: sa.Connection) -> tuple[int | None, int | None]:
     """Returns the numbers of completed and planned participants; ``None`` before the first completed trial.
 
-    Simulated participants are counted only if all participants are simulated.
+    The numbers include simulated participants only if all participants are simulated.
     """
     everyone = find_rows(connection, Participant)
     simulated = all(each.simulated for each in [*everyone, *find_rows(connection, DeletedParticipant)])

@@ -9,7 +9,7 @@ MAX_LINE_LENGTH, MAX_NOTE_LENGTH = 200, 10_000
 def check_single_line(what: str, text: str) -> None:
     """Raises ``StudyError`` if a name, contact or reason is too long or contains control characters.
 
-    ``what``: name of the field for the message, which does not contain the text.
+    ``what``: name of the field in the message. The message does not contain the text.
     """
     _check(what, text, MAX_LINE_LENGTH, "")
 

@@ -3,9 +3,14 @@
 Each transaction appends an entry for every row that it wrote. The entry contains the checksum of the row, or no
 checksum for a deleted row. The entry's digest covers the digest of the previous entry.
 
-Each of these errors reveals a change by another program: a row differs from its latest entry; a row has no entry; an
-entry has no row; a digest is wrong. Rows contain a random salt. The checksum of a deleted row therefore reveals nothing
-about its contents.
+These errors reveal a change by another program:
+
+* a row differs from its latest entry
+* a row has no entry
+* an entry has no row
+* a digest is wrong
+
+Rows contain a random salt. The checksum of a deleted row therefore reveals nothing about its contents.
 
 A head is the number and digest of the last entry. The chain uses no secret key: another program can recompute all
 digests. Only an earlier head that is stored elsewhere then reveals the change.
@@ -27,7 +32,7 @@ from avrgym.study.storage.schema import LEDGER_TABLE, LOG_TABLE, METADATA
 CHAINED_TABLES: Mapping[str, sa.Table] = {
     table.name: table for table in METADATA.sorted_tables if table is not LEDGER_TABLE
 }
-"""Tables whose rows the hash chain covers, by name."""
+"""Tables with rows in the hash chain, by name."""
 _WRITTEN = "rows that the transaction wrote"
 
 

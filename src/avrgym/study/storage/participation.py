@@ -26,7 +26,7 @@ FILE = "participation.jsonl"
 INVALID_COPY_PATTERN = re.compile(rf"{re.escape(FILE)}\.(?:invalid|unsound)-([0-9]+)")
 """Pattern of the file names of renamed invalid lists. Earlier versions used the suffix ``unsound``."""
 DELETED_STATE = "deleted"
-"""State of a participant whose data were deleted. Only the list contains it."""
+"""State of a participant with deleted data. Only the list contains this state."""
 FINAL_STATES = ("withdrawn", "excluded", DELETED_STATE)
 """Final states of a participant. If the database lacks a final state, it is restored from the list."""
 LIST_STARTED_EVENT, LIST_COMPARED_EVENT = "list begun", "compared with the database"

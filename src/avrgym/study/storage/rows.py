@@ -312,9 +312,9 @@ class Invitation:
 
 @dataclass(frozen=True)
 class InvitationUse:
-    """A participant who enrolled with an invitation; ``None`` after the participant's deletion.
+    """An enrolment with an invitation. ``participant``: ``None`` after the participant's deletion.
 
-    ``sha256``: checksum of the participant's own token.
+    ``sha256``: checksum of the participant's personal token.
     """
 
     id: int
@@ -341,7 +341,7 @@ class Site:
 
 @dataclass(frozen=True)
 class DeletedParticipant:
-    """A participant whose data were deleted."""
+    """A participant with deleted data."""
 
     number: int
     simulated: bool

@@ -32,7 +32,7 @@ def utc_timestamp() -> str:
 
 
 def new_salt() -> str:
-    """Returns a random salt for a row. Without the salt, nobody can guess the row's contents from its checksum."""
+    """Returns a random salt for a row. Without a salt, the row's contents could be guessed from its checksum."""
     return token_hex(16)
 
 

@@ -106,7 +106,7 @@ def read_last_entry(folder: Path) -> LastEntry | None:
 
 
 def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
-    """Returns the stored last entry of a list whose study's folder no longer exists; otherwise ``None``."""
+    """Returns the stored last entry of a list if its study's folder no longer exists; otherwise ``None``."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
             known = _read(path)

@@ -37,7 +37,7 @@ TRANSITIONS: Mapping[str, Transitions] = {
 """Allowed next states of each state, by table."""
 
 PARTICIPATING_STATES = ("allocated", "completed")
-"""States of participants with an allocated trial order. They are counted when the next order is allocated."""
+"""States of participants with an allocated trial order. The allocation of the next order counts them."""
 
 
 class StudyError(RuntimeError):

@@ -164,7 +164,7 @@ class Store:
         return path
 
     def policy_source(self, environment: str, policy: str) -> str:
-        """Returns the source of a policy: its file in the study's folder, or its name if there is no such file.
+        """Returns the source of a policy: its file in the study's folder; without a file, its name.
 
         ``policy``: name of a policy or condition in the design. A condition has the source of its policy.
 
