@@ -154,7 +154,7 @@ def values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[
 
 
 def compare_before_after(quantity: str, given: ValuesByMoment) -> Comparison:
-    """Returns a signed-rank test of the values after sessions against those before.
+    """Returns a signed-rank test of the values after sessions against the values before sessions.
 
     Only participants with both values are included.
     """

@@ -59,7 +59,7 @@ MATPLOTLIB_STYLE: Any = {
 
 
 class ReportFigure:
-    """A Matplotlib figure with file name and caption. SVG files contain text as text. PDF files contain the fonts."""
+    """A Matplotlib figure with file name and caption. SVG files contain text elements. PDF files contain the fonts."""
 
     def __init__(self, name: str, caption: str, figure: Figure) -> None:
         """Store a finished figure. ``name``: file name without suffix. ``caption``: description of the figure."""

@@ -92,7 +92,7 @@ def simulate_power(
         design: the study design. Answers to its first questionnaire after trials are simulated.
         assumptions: the assumed variation of answers.
         effects: effect sizes, in points of a seven-point scale.
-        sizes: numbers of participants who complete a study.
+        sizes: simulated sample sizes: numbers of participants that complete a study.
         simulations: number of simulated studies for each effect and size.
         seed: the random seed. Results with the same seed are the same for any number of jobs.
         jobs: number of parallel processes.

@@ -1,6 +1,6 @@
 """Checklist of reporting recommendations for studies of human-robot interaction: recommended fields and their values.
 
-Our selection follows Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
+The selection follows Cordero et al. (What and How Are We Reporting in HRI?, arXiv:2201.09114, 2022), Bagchi et al.
 (Towards Improved Replicability of Human Studies in HRI, HRI 2023 Companion, doi 10.1145/3568294.3580162) and the
 participant flow of CONSORT (Schulz et al., BMJ 340, 2010, c332).
 """

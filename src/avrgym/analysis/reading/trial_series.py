@@ -19,7 +19,10 @@ WAIST_JOINTS = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 @dataclass(frozen=True, eq=False)
 class BodySeries:
-    """Body posture at each control step: head centre (n, 3) in metres in the world frame, and waist angles (n, 3)."""
+    """Body posture at each control step. ``torso_height_m``: torso height of the body.
+
+    ``head_centre_pos_w`` (n, 3): head centre in metres in the world frame. ``waist_angles_rad`` (n, 3): waist angles.
+    """
 
     torso_height_m: float
     head_centre_pos_w: FloatArray

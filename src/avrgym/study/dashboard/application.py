@@ -51,7 +51,7 @@ NoteText = Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_NOTE_LENGTH)
 
 
 class LiveSessions(Protocol):
-    """The live sessions of this server, one at a time."""
+    """The live sessions of this server. At most one session is running."""
 
     @property
     def participant(self) -> str | None:
@@ -97,7 +97,7 @@ class LiveSessions(Protocol):
 
 @dataclass(frozen=True)
 class Dashboard:
-    """The study of a dashboard.
+    """The study that a dashboard displays.
 
     ``live_sessions``: the live sessions of this server; ``None`` if it runs none. ``experimenter``: name of the
     experimenter.

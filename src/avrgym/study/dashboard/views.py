@@ -41,12 +41,12 @@ from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
 MIN_FREE_BYTES = 2_000_000_000
-"""Minimum free disk space in bytes. A recorded trial of 20 s has a few MB."""
+"""Free disk space (bytes) below which the dashboard shows a warning. A recorded trial of 20 s has a few MB."""
 
 
 @dataclass(frozen=True)
 class SessionLink:
-    """Access to the running session: addresses that contain the session link, and the code for the headset."""
+    """Access to the running session: addresses with the session link, and the code for the headset."""
 
     addresses: tuple[str, ...]
     code: str

@@ -37,7 +37,7 @@ def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[BlockOrder, ..
 def least_filled_cell(
     order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
 ) -> int:
-    """Returns the cell for the next participant: the cell with the fewest participants at their site.
+    """Returns the cell (index of a trial order) for the next participant: the least used cell at their site.
 
     Args:
         order: all cells; among equal cells, the first in this order is returned.
@@ -49,7 +49,7 @@ def least_filled_cell(
 
 
 def cell_fill_order(design: Design, site: str | None) -> list[int]:
-    """Returns all cells of the design, in the filling order of a site.
+    """Returns all cells (indices of trial orders) of the design, in the order in which a site uses them.
 
     The order differs between sites: small sites then fill different cells.
     """

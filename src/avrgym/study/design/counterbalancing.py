@@ -24,10 +24,10 @@ class TaskBlock:
 
 
 CANDIDATE_COUNT = 200
-"""Number of random arrangements that are compared. The arrangement with most different rows within cells is used."""
+"""Number of compared random arrangements. The arrangement with the most different rows within cells is used."""
 
 BlockOrder = tuple[TaskBlock, ...]
-"""The blocks of one participant in order."""
+"""The trial order of a participant: the task blocks in order."""
 
 
 def williams_square(size: int) -> IntArray:

@@ -260,7 +260,7 @@ def parse_design(text: str, file_name: str = FILE, folder: Path = Path()) -> Des
 
 
 def _check(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first invalid value of the design."""
+    """Raises ``ValidationError`` for the first invalid value of the design."""
     if design.site:
         check_id(("site",), design.site, ())
     _check_names(("tasks",), design.tasks, TASKS)
@@ -299,7 +299,7 @@ def _check(design: Design, folder: Path) -> None:
 
 
 def _check_settings(environment: str, design: Design) -> None:
-    """Raise ``ValidationError`` for settings that are not possible in an environment."""
+    """Raises ``ValidationError`` for settings that are not possible in an environment."""
     for name in ("", *design.conditions):
         place = ("conditions", name, "settings") if name else ("settings",)
         settings = design.settings_of_condition(name)

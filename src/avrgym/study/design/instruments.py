@@ -61,7 +61,7 @@ def _with_items(index: int, table: Any, folder: Path) -> Any:
 
 
 def check_instrument_weights(place: ValuePath, questionnaire: Questionnaire) -> None:
-    """Raise ``ValidationError`` for invalid weights, and for weights of a questionnaire that cannot have weights."""
+    """Raises ``ValidationError`` for invalid weights, and for weights of a questionnaire that cannot have weights."""
     if questionnaire.weights is msgspec.UNSET:
         return
     instrument = questionnaire.instrument

@@ -23,7 +23,7 @@ MAX_LISTED_SENTENCES = 3
 
 
 def check_translations(design: Design, folder: Path) -> None:
-    """Raise ``ValidationError`` for the first language with missing texts.
+    """Raises ``ValidationError`` for the first language with missing texts.
 
     Sentences of the design are in its first language, and need translations into the other languages. Sentences of
     AVR Gym need translations into all languages except English.

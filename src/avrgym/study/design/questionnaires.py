@@ -16,7 +16,7 @@ from avrgym.system.toml_lines import ValuePath
 
 
 def check_questionnaires(questionnaires: Sequence[Questionnaire]) -> None:
-    """Raise ``ValidationError`` for the first invalid value of a questionnaire."""
+    """Raises ``ValidationError`` for the first invalid value of a questionnaire."""
     names: set[str] = set()
     ids: set[str] = set()
     for index, questionnaire in enumerate(questionnaires):
@@ -49,7 +49,7 @@ def _check_item(place: ValuePath, item: Item, known: set[str]) -> None:
 
 
 def check_stop_rules(rules: StopRules) -> None:
-    """Raise ``ValidationError`` for the first invalid rule. A rule for no answer or for every answer is invalid."""
+    """Raises ``ValidationError`` for the first invalid rule. A rule for no answer or for every answer is invalid."""
     items = [item.id for questionnaire in rules.questionnaires for item in questionnaire.items]
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)

@@ -49,7 +49,7 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def check_retention(retention: Retention) -> None:
-    """Raise ``ValidationError`` if ``ended_on`` is not a date."""
+    """Raises ``ValidationError`` if ``ended_on`` is not a date."""
     try:
         _ = retention.last_day
     except ValueError:

@@ -24,39 +24,39 @@ class ValidationError(Exception):
 
 
 def check_known_name(place: ValuePath, name: str, allowed: Iterable[str]) -> None:
-    """Raise ``ValidationError`` if the name is not in ``allowed``."""
+    """Raises ``ValidationError`` if the name is not in ``allowed``."""
     if name not in (names := list(allowed)):
         raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
 def check_allowed_value(place: ValuePath, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` if the value is not in ``allowed``."""
+    """Raises ``ValidationError`` if the value is not in ``allowed``."""
     if value not in allowed:
         raise ValidationError(place, f"unknown value {value!r}; allowed: {', '.join(allowed)}")
 
 
 def check_unique_names(place: ValuePath, names: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` if a name occurs twice."""
+    """Raises ``ValidationError`` if a name occurs twice."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise ValidationError((*place, index), f"{name!r} is listed twice; allowed: once")
 
 
 def check_name_pattern(place: ValuePath, name: str, pattern: re.Pattern[str], what: str) -> None:
-    """Raise ``ValidationError`` if the name does not match the pattern; ``what`` describes valid names."""
+    """Raises ``ValidationError`` if the name does not match the pattern; ``what`` describes valid names."""
     if not pattern.fullmatch(name):
         raise ValidationError(place, f"{name!r} is not a valid name; allowed: {what}")
 
 
 def check_id(place: ValuePath, name: str, known: Container[str]) -> None:
-    """Raise ``ValidationError`` if the name is invalid or already in ``known``."""
+    """Raises ``ValidationError`` if the name is invalid or already in ``known``."""
     check_name_pattern(place, name, NAME_PATTERN, "1 to 40 letters, digits, - and _")
     if name in known:
         raise ValidationError(place, f"{name!r} is used twice; allowed: a unique name")
 
 
 def check_keys(place: ValuePath, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raise ``ValidationError`` if the table has an unknown key."""
+    """Raises ``ValidationError`` if the table has an unknown key."""
     for key in table:
         check_known_name((*place, key), key, allowed)
 

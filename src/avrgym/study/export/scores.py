@@ -1,4 +1,4 @@
-"""Scores of validated questionnaires, from a participant's answers at one time."""
+"""Scores of validated questionnaires, from a participant's answers at one moment of the study."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -58,7 +58,7 @@ class SiteStudy:
 
 
 def read_site_study(store: Store) -> SiteStudy:
-    """Returns the contents of a study that is to be merged.
+    """Returns the contents of a site's study for a merge.
 
     Raises:
         StudyError: if the study is a merged study, has no valid site name, or was changed by another program.

@@ -128,7 +128,7 @@ def _noted(store: Store) -> bool:
 
 
 def check_can_freeze(store: Store) -> None:
-    """Raise ``StudyError`` after the first participant, or if a plan is already frozen."""
+    """Raises ``StudyError`` after the first participant, or if a plan is already frozen."""
     with store.database.read_transaction() as connection:
         _check_untouched(store, connection)
 
@@ -212,7 +212,7 @@ class FrozenPlan:
 
     @property
     def is_confirmatory(self) -> bool:
-        """Whether it is certain that the plan existed before the first participant."""
+        """Whether the plan certainly existed before the first participant."""
         return self.record is not None and (self.known_since is not None or self.is_date_proven)
 
     @property

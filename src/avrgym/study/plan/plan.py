@@ -103,7 +103,7 @@ def parse_frozen_plan(text: str, file_name: str) -> Plan:
 
 
 def _check(plan: Plan, design: Design, available_tests: AvailableTests) -> None:
-    """Raise ``ValidationError`` for the first value that does not match the design or the tests."""
+    """Raises ``ValidationError`` for the first value that does not match the design or the tests."""
     _check_equal(("participants",), plan.participants, design.participants)
     _check_equal(("exclusion", "max_held_share"), plan.exclusion.max_held_share, design.max_held_share)
     _check_rules(plan.exclusion.rules, [item.id for item in design.items_at_moment("after_trial")])

@@ -149,7 +149,7 @@ class StudySessions:
             raise StudyError(f"no session of {pseudonym} is running at this station; start one first")
         link = make_session_link(
             self._store, visit.stored.id
-        )  # in this thread: the loop never waits for the database
+        )  # in the calling thread, because the loop must not wait for the database
         self._request(lambda _: self._renew_link(visit, link))
 
     # Methods for the real-time loop

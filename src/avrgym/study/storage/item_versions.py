@@ -79,7 +79,7 @@ class ItemCatalogue:
     def add_design_items(
         self, design: Design, language: str, translate: Callable[[str], str]
     ) -> ParticipantItems:
-        """Adds the items of a design in a language. Returns the version of each item."""
+        """Add the items of a design in a language. Returns the version of each item."""
         found: dict[str, ItemVersion] = {}
         for questionnaire in design.questionnaires:
             words = tuple(translate_item(item, translate) for item in questionnaire.items)

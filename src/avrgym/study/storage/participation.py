@@ -79,7 +79,7 @@ class ParticipationEntries:
 
     @property
     def chain_ids(self) -> set[str | None]:
-        """Ids of all database hash chains to which the list has belonged. The id is the first digest of a chain."""
+        """Ids of all database hash chains that used the list. An id is the first digest of a chain."""
         return {each.get("ledger") for each in self.contents_without_participant}
 
     @property

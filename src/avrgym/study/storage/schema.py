@@ -294,8 +294,8 @@ INVITATION_USE_TABLE = Table(
     _salt(),
     UniqueConstraint("sha256"),
 )
-"""Participants who enrolled with an invitation; ``participant`` is null after their deletion. ``sha256``: checksum of
-the participant's own token.
+"""Enrolments with an invitation. ``participant``: null after the participant's deletion. ``sha256``: checksum of the
+participant's personal token.
 ``service_study`` and ``service_session``: the recruitment service's ids of its study and session."""
 
 TOMBSTONE_TABLE = Table(
@@ -306,7 +306,7 @@ TOMBSTONE_TABLE = Table(
     Column("deleted_at", String, nullable=False),
     _salt(),
 )
-"""Participants whose data were deleted. Their numbers are never used again."""
+"""Participants with deleted data. Their numbers are never used again."""
 
 SITE_TABLE = Table(
     "site",

@@ -149,7 +149,7 @@ def designs_from_recordings(store: Store) -> list[SessionDesign]:
     """Returns the designs of all sessions, from the sessions' recordings.
 
     Values that recordings lack are read from the database, or from the study's current design. Trials without a
-    readable recording are omitted. Inclusion questions are those that the participant answered.
+    readable recording are omitted. The inclusion questions are the questions that the participant answered.
     """
     stored, admitted = _stored(store), _admitted(store)
     return [

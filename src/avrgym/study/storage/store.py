@@ -250,7 +250,7 @@ class Store:
         return self._rows(ConsentText)
 
     def deleted_participants(self) -> list[DeletedParticipant]:
-        """Returns the participants whose data were deleted."""
+        """Returns the participants with deleted data."""
         return self._rows(DeletedParticipant)
 
     def audit_log(self) -> list[AuditLogEntry]:
@@ -413,7 +413,7 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
-    """Store an event. ``subject``: ids of participant, session and attempt, as far as the event has them."""
+    """Store an event. ``subject``: ids of the event's participant, session and attempt; each id is optional."""
     hash_chain.insert(connection, schema.EVENT_TABLE, at=utc_timestamp(), name=name, detail=detail, **subject)
 
 

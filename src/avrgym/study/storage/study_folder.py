@@ -12,7 +12,7 @@ from avrgym.study.storage.states import StudyError
 
 
 def find_database_traces(folder: Path) -> list[str]:
-    """Returns the files and folders that show that the study once had a database."""
+    """Returns the files and folders that prove an earlier database of the study."""
     found: list[str] = []
     if identity_file.pseudonyms_with_identity(folder):
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
