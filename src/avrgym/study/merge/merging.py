@@ -188,9 +188,8 @@ def merge_studies(
 def _check_places(folders: Sequence[Path], out: Path) -> None:
     if os.environ.get(DATABASE_URL_VARIABLE):
         raise StudyError(
-            f"{DATABASE_URL_VARIABLE} is set and would replace the database of each site: unset it, and set "
-            f"`url` under "
-            "[database] in the study.toml of a site that uses PostgreSQL (its password in ~/.pgpass)"
+            f"{DATABASE_URL_VARIABLE} is set and would replace the database of each site: unset it. For a site with "
+            "PostgreSQL, set `url` under [database] in its study.toml, and store the password in ~/.pgpass"
         )
     if os.environ.get(OBJECT_STORE_VARIABLE):
         raise StudyError(

@@ -153,8 +153,8 @@ def _check_nobody_took_part(connection: sa.Connection) -> None:
     taken += [each.number for each in find_rows(connection, DeletedParticipant)]
     if taken:
         raise StudyError(
-            f"{pseudonym_of(min(taken))} has already taken part: a plan must be frozen before the first participant; "
-            "use a new study (dry runs need a separate folder)"
+            f"{pseudonym_of(min(taken))} has already taken part; a plan must be frozen before the first participant. "
+            "Create a new study; do dry runs in a separate folder"
         )
 
 

@@ -112,8 +112,9 @@ def _from_file(folder: Path, path: Path, *, create: bool) -> bytes:
         key = bytes.fromhex(path.read_text("ascii"))
     except OSError as error:
         raise KeyUnavailableError(
-            f"the key file of the identity file, {path}, cannot be read ({error.strerror}): restore a backup, or set "
-            f"{KEY_FILE_VARIABLE} to its path. Nothing was changed. Without it the names are lost, but no other data"
+            f"the key file of the identity file, {path}, cannot be read ({error.strerror}). Restore a backup, or set "
+            f"{KEY_FILE_VARIABLE} to its path. Nothing was changed. Without the key file, the names are lost, but no "
+            "other data"
         ) from None
     except ValueError:
         key = b""
