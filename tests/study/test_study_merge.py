@@ -408,13 +408,13 @@ def test_damaged_recordings_are_skipped_on_request(sites: list[Path], out: Path)
     assert len(told) == 2
     assert check_errors(out) == []
     with Store(out) as store:
-        left_out = [each.message for each in check_study(store) if "left out" in each.message]
+        left_out = [each.message for each in check_study(store) if "omitted" in each.message]
     assert len(left_out) == 2
     damaged.write_bytes(whole[0])
     missing.write_bytes(whole[1])
     assert merge_studies(sites, out)[0].copied_recording_count == 2
     with Store(out) as store:
-        assert not [each for each in check_study(store) if "left out" in each.message]
+        assert not [each for each in check_study(store) if "omitted" in each.message]
 
 
 @pytest.mark.slow
