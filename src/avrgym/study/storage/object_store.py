@@ -36,7 +36,7 @@ class ObjectStore:
     def sizes(self, prefix: str = "") -> dict[str, int]:
         """Returns the size in bytes of each stored file with a name that begins with ``prefix``, by name.
 
-        Raises ``StudyError`` if the object store cannot be used; so do all methods.
+        All methods raise ``StudyError`` if the object store cannot be used.
         """
         found, client = dict[str, int](), self._client
         with self._errors(), suppress(client.exceptions.NoSuchBucket):
@@ -101,10 +101,10 @@ class ObjectStore:
 
 
 def open_object_store(configured: str) -> ObjectStore | None:
-    """Returns the object store at the address in the environment variable, or else at ``configured``; ``None`` if the
-    address is empty.
+    """Returns the object store of a study; ``None`` if the address is empty.
 
-    Raises ``StudyError`` for an invalid address.
+    ``configured``: the address in ``study.toml``; the environment variable replaces it. Raises ``StudyError`` for an
+    invalid address.
     """
     url = os.environ.get(OBJECT_STORE_VARIABLE, configured)
     if url and not OBJECT_STORE_URL.fullmatch(url):

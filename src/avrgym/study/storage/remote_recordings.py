@@ -1,7 +1,7 @@
 """Copies of a study's recordings in its object store.
 
-A recording is complete in the study's folder before it is uploaded. The files of an attempt only grow: the longer copy
-is the newer one. Without an object store, the functions of this module do nothing.
+A recording is complete in the study's folder before it is uploaded. The files of an attempt only grow, so the longer
+copy is newer. Without an object store, the functions of this module do nothing.
 """
 
 import re
@@ -29,9 +29,10 @@ _NAME = re.compile(rf"{RECORDINGS}/sub-[0-9]{{3,9}}/ses-[0-9]+/[\w-]+\.(mcap|ans
 
 
 def fetch_recordings(store: Store, pseudonym: str = "") -> None:
-    """Download the recordings that are missing in the study's folder, and answers that were added elsewhere.
+    """Download recordings that the study's folder lacks, and answers that another computer added.
 
-    ``pseudonym``: download only recordings of this participant. Raises ``StudyError`` without a usable object store.
+    ``pseudonym``: download only recordings of this participant. Raises ``StudyError`` if the object store cannot be
+    used.
     """
     remote = store.object_store
     if remote is None or store.database.read_only:
@@ -42,9 +43,9 @@ def fetch_recordings(store: Store, pseudonym: str = "") -> None:
 
 
 def upload_recording(store: Store, name: str, stopped: Callable[[], bool]) -> None:
-    """Upload the recording ``name`` and its answers. An error is repeated until the upload succeeds.
+    """Upload the recording ``name`` and its answers. A failed upload is repeated until it succeeds.
 
-    ``stopped``: returns whether to give up. Raises ``StudyError`` then.
+    ``stopped``: function that returns true to stop the repetition. Raises ``StudyError`` in this case.
     """
     while store.object_store is not None:
         try:
@@ -61,7 +62,7 @@ def upload_recording(store: Store, name: str, stopped: Callable[[], bool]) -> No
 def remove_recordings(store: Store, pseudonym: str) -> None:
     """Remove all recordings of a participant, first from the object store.
 
-    Raises ``StudyError`` if the object store cannot be used. Nothing is removed here then.
+    Raises ``StudyError`` if the object store cannot be used. No local file is removed then.
     """
     if store.object_store is not None:
         store.object_store.delete(f"{RECORDINGS}/{pseudonym}/")
@@ -71,7 +72,7 @@ def remove_recordings(store: Store, pseudonym: str) -> None:
 class RecordingUploads:
     """Context manager: a thread that uploads the recordings of ended attempts.
 
-    The context uploads the rest at its end. What cannot be uploaded then is uploaded by the next context of the study.
+    At its end, the context uploads all remaining recordings. The next context repeats failed uploads.
     """
 
     def __init__(self, store: Store, report: Callable[[str], None] = lambda problem: None) -> None:
@@ -114,7 +115,7 @@ class RecordingUploads:
         for recording in _ended_recordings(self._store):
             for name in _files(recording):
                 if _size(self._store.folder / name) > self._uploaded.get(name, -1):
-                    with suppress(FileNotFoundError):  # a deletion removed it
+                    with suppress(FileNotFoundError):  # the participant was deleted
                         self._uploaded[name] = remote.upload(name, self._store.absolute_path(name))
 
 
