@@ -349,7 +349,7 @@ def test_a_full_disk_raises_an_alarm_within_a_second_and_never_completes(tmp_pat
         assert child.stdout is not None
         alarm_s, message = child.stdout.readline().split(maxsplit=1)
     assert float(alarm_s) < 1
-    assert "not complete" in message
+    assert "is incomplete" in message
     read = read_recording(tmp_path / "trial.mcap")
     assert not read.complete
     assert_steps_are_whole(read.messages_by_topic["/physics"])
@@ -394,7 +394,7 @@ def test_a_disk_too_slow_loses_records_loudly_and_never_blocks(tmp_path, stalled
         writer.write("/physics", step, Physics(step, 0.0, []))
     assert isinstance(writer.disk_error, RecordingError)
     stalled_disk.set()
-    with pytest.raises(RecordingError, match=r"not complete: .* a record was lost"):
+    with pytest.raises(RecordingError, match=r"is incomplete: .* a record was lost"):
         writer.close(OUTCOME)
     read = read_recording(tmp_path / "trial.mcap")
     assert not read.complete
@@ -422,7 +422,7 @@ def test_data_that_are_not_safely_on_disk_are_never_complete(tmp_path, monkeypat
             raise OSError(5, "Input/output error")
 
     monkeypatch.setattr(os, "fsync", failing_sync)
-    with pytest.raises(RecordingError, match=r"not complete: .*Input/output error"):
+    with pytest.raises(RecordingError, match=r"is incomplete: .*Input/output error"):
         write_trial(path)
     read = read_recording(path)
     assert (read.complete, read.outcome) == (False, None)
@@ -432,7 +432,7 @@ def test_data_that_are_not_safely_on_disk_are_never_complete(tmp_path, monkeypat
 def test_a_record_that_is_not_plain_data_is_a_failure(tmp_path):
     writer = RecordingWriter(tmp_path / "trial.mcap", CONFIGURATION)
     writer.write("/events", 0, Event("strange", object()))  # pyright: ignore[reportArgumentType]
-    with pytest.raises(RecordingError, match="not complete"):
+    with pytest.raises(RecordingError, match="is incomplete"):
         writer.close(OUTCOME)
 
 

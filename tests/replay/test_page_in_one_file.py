@@ -248,7 +248,7 @@ def test_mistakes_are_answered_in_one_line(scratching: Path, tmp_path: Path) -> 
     damaged.write_bytes(scratching.read_bytes()[:200])
     new = tmp_path / "new.html"
     for arguments, words in (
-        ((scratching, "--html", old), "exists already"),
+        ((scratching, "--html", old), "already exists"),
         ((scratching, "--html", tmp_path / "page.txt"), ".html"),
         ((scratching, "--html", tmp_path / "none" / "page.html"), "does not exist"),
         ((damaged, "--html", new), "damaged.mcap"),

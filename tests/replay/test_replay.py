@@ -303,7 +303,7 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((paths[-1], "--json", tmp_path / "x.json"), "--verify"),
         ((paths[-1], "--video", tmp_path / "video.avi"), ".mp4"),
         ((paths[-1], "--frames", 4, "--out", tmp_path / "strip.gif"), ".png or .jpg"),
-        ((paths[-1], "--frames", 4, "--out", old), "exists already"),
+        ((paths[-1], "--frames", 4, "--out", old), "already exists"),
     ):
         shown = avrgym(*arguments)
         assert shown.exit_code == 1, arguments

@@ -156,7 +156,7 @@ def test_a_video_lasts_as_long_as_the_trial_until_the_questionnaire(
     assert frames[0].shape == (VIDEO_SIZE_PX[1], VIDEO_SIZE_PX[0], 3)
     assert np.abs(frames[0].astype(int) - frames[-1]).mean() > 0.1
     assert [path.name for path in tmp_path.iterdir()] == ["trial.mp4"]
-    with pytest.raises(FileExistsError, match="exists already"):
+    with pytest.raises(FileExistsError, match="already exists"):
         write_video(recording, out, first_person=False, progress=nothing)
 
 
@@ -182,7 +182,7 @@ def test_an_animation_lasts_as_long_as_the_trial_and_begins_again(
     assert sum(milliseconds for milliseconds, _ in pictures) / 1000 == pytest.approx(
         asked_s, abs=1 / GIF_FRAMES_PER_S
     )
-    with pytest.raises(FileExistsError, match="exists already"):
+    with pytest.raises(FileExistsError, match="already exists"):
         write_gif(recording, out, first_person=False, progress=nothing)
 
 

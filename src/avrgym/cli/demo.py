@@ -27,7 +27,9 @@ def demo(
     for page in result.pages:
         print_line(f"page      {page}")
     if result.browser_error:
-        print_line("No browser was found, so there are no pictures of the participant's view.")
+        print_line(
+            "No browser was found for images of the participant's view; `avrgym doctor` shows how to install one."
+        )
     else:
         print_line(f"pictures  {result.pages[0].parent / 'pictures'}, the participant's view")
     print_line(

@@ -57,17 +57,17 @@ def sweep(
         made: dict[str, int] = {}
         with (
             cluster_connection(cluster, jobs),
-            progress_bar("trainings", steps, "steps", stopped=again) as bar,
+            progress_bar("training runs", steps, "steps", stopped=again) as bar,
         ):
 
             def report(name: str, steps_made: int) -> None:
                 made[name] = steps_made
-                bar.update(sum(made.values()), label=f"{len(made)} trainings started")
+                bar.update(sum(made.values()), label=f"{len(made)} training runs started")
 
             rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])
         write_json(json_file, rows)
-    print_line(f"trainings {folder}")
+    print_line(f"sweep     {folder}")
 
 
 def _sweeps() -> ModuleType:

@@ -227,7 +227,9 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
         try:
             controller: Any = copy.deepcopy(found) if ready_made else found()
         except (Exception, SystemExit) as error:  # external code may raise anything
-            raise PolicyError(f"{name}: cannot be created ({_error_text(error)})") from error
+            raise PolicyError(
+                f"{name}: cannot be created ({_error_text(error)}); correct the error in the controller"
+            ) from error
         lacking = [each for each in ("reset", "act") if not callable(getattr(controller, each, None))]
         if lacking:
             raise PolicyError(

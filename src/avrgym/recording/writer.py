@@ -118,12 +118,16 @@ class RecordingWriter:
         self._queue.put(None)
         self._thread.join(CLOSE_TIMEOUT_S)
         if self._thread.is_alive():
-            raise RecordingError(f"{self.path}: not complete: the disk does not accept data; check the disk")
+            raise RecordingError(
+                f"{self.path}: the recording is incomplete: the disk does not accept data; check the disk"
+            )
         if outcome is not None and self._failure is None:
             self._attempt(lambda: self._complete(outcome))
         self._disk.close()
         if outcome is not None and self._failure is not None:
-            raise RecordingError(f"{self.path}: not complete: {self._failure}") from self._failure
+            raise RecordingError(
+                f"{self.path}: the recording is incomplete: {self._failure}"
+            ) from self._failure
 
     def _start(self, configuration: TrialConfiguration) -> dict[str, int]:
         try:

@@ -13,6 +13,6 @@ def check_new_file(path: Path, suffixes: tuple[str, ...]) -> None:
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{path}: the file name must end in {' or '.join(suffixes)}")
     if path.exists():
-        raise FileExistsError(f"{path} exists already; choose another name")
+        raise FileExistsError(f"{path} already exists; choose another name")
     if not path.parent.is_dir():
         raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")

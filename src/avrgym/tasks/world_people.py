@@ -130,7 +130,7 @@ class WorldPeople:
         self._actions = human_actions or by_policy
         if self._actions and self._frame.mirrored:
             raise ValueError(
-                "the other served_arm is not possible for people with human actions or trained policies; remove "
+                "the setting served_arm is not possible for people with human actions or trained policies; remove "
                 "served_arm"
             )
         are_partners = any(each.distribution.partners is not None for each in self._populations)

@@ -226,7 +226,12 @@ class DemonstrationSession:
                 self._now_s,
             )
         except OSError as error:
-            self._send(messages.Problem(f"the episode cannot be recorded: {error}", "experimenter"))
+            self._send(
+                messages.Problem(
+                    f"the episode cannot be recorded: {error}; check the disk, and start the episode again",
+                    "experimenter",
+                )
+            )
             return
         self._tracking.pop_arrived_frames()
         self.attempt.record_physics(world, self._now_s)
@@ -241,7 +246,12 @@ class DemonstrationSession:
             return
         attempt.record_step(step, self._driver.driven_by, self._driver.idle, self._now_s)
         if attempt.recording_error is not None:
-            self._send(messages.Problem(f"the recording failed: {attempt.recording_error}", "experimenter"))
+            self._send(
+                messages.Problem(
+                    f"the recording failed, and the episode has ended: {attempt.recording_error}",
+                    "experimenter",
+                )
+            )
             self._end_episode("interrupted")
             self._leave_world()
         elif self._mark or attempt.steps >= self.plan.steps:

@@ -103,5 +103,5 @@ def read_table(table: Path) -> list[dict[str, str]]:
         reader = csv.DictReader(file)
         rows, columns = list(reader), [field.name for field in fields(EpisodeRow)]
         if reader.fieldnames != columns:
-            raise ValueError(f"{table} has other columns; expected: {', '.join(columns)}")
+            raise ValueError(f"{table} has other columns; allowed: {', '.join(columns)}")
     return rows

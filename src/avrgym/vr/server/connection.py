@@ -277,7 +277,7 @@ def _refusal(role: Role, message: object) -> str:
     if isinstance(message, Steer) and role != "demonstrator":
         return "only demonstrators may steer the robot; open the demonstrator's address"
     if role == "caregiver" and not isinstance(message, SceneWatched):
-        return "caregivers may send robot commands only"
+        return "caregivers may send only robot commands; open the experimenter's address"
     if role == "demonstrator" and not isinstance(message, SceneWatched | Drive | Steer | Demonstrate):
         return "demonstrators may drive the robot, and start and end demonstrations"
     return ""

@@ -352,7 +352,7 @@ class Session:
         stall, failure = storage.attempt.pop_slow_disk_error(), storage.attempt.recording_error
         if stall is not None:
             state.record_event("recording_stalled", str(stall))
-            state.report_problem(f"the recording is slow: {stall}")
+            state.report_problem(f"the disk is slow, but the recording continues: {stall}")
         if failure is not None:
             self._go_to(self._phase.on_storage_failure(failure))
 
