@@ -118,7 +118,10 @@ def test_a_caregiver_watches_and_answers_with_their_own_link(served: Served, tmp
     with served.watching(token) as socket:
         assert received(socket, Welcome).role == CAREGIVER
         socket.send(messages.encode(Command("end")))
-        assert received(socket, Problem).message == "caregivers may send robot commands only"
+        assert (
+            received(socket, Problem).message
+            == "caregivers may send only robot commands; open the experimenter's address"
+        )
         socket.send(messages.encode(WatcherRobotCommand("stop", "experimenter", 0.0)))
         assert "the source of commands from this page must be caregiver" in received(socket, Problem).message
     assert served.request("GET", "/overview", token).status_code == 401

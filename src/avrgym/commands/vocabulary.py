@@ -12,8 +12,8 @@ ClientSource = Literal["dwell", "switch", "button", "key"]
 OtherPersonSource = Literal["caregiver", "experimenter"]
 """Sources that the pages of caregiver and experimenter report."""
 CommandSource = HeadSource | ClientSource | OtherPersonSource
-"""Source of a command: a head gesture, gaze at or away from the tool, dwell on an icon, a switch, a button of page or
-gamepad, a key, or another person."""
+"""Source of a command: head gesture, gaze at or away from the tool, dwell on an icon, switch, button of page or
+gamepad, key, or another person."""
 
 
 @dataclass(frozen=True)

@@ -68,9 +68,9 @@ WITHDRAWAL_SPEED_M_S = 0.3
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: the tip moves around the limb above the skin to the itch, then rubs.
 
-    For an itch on the inner side, a robot on the wheelchair first moves its hand in front of the person's wrist and
-    rotates it there. A robot on the floor does not: its thicker arm would touch the person, see ``memory_expert``. If
-    links press on the person, the arm withdraws.
+    For an itch on the inner side, a robot on the wheelchair first moves its hand in front of the person's wrist. There
+    it rotates the hand. A robot on the floor does not: its thicker arm would touch the person, see ``memory_expert``.
+    If links press on the person, the arm withdraws.
     """
     out_w, _ = expert.skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
     return blended_target(

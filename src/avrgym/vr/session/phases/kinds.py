@@ -81,8 +81,8 @@ class OngoingPhase(Phase):
     def _begin_trial(self) -> phases.PhaseAtTrialStart:
         """Start the next attempt if all conditions are met. Otherwise returns the phase that waits for the missing one.
 
-        Conditions: the previous trial is stored, no break is due, the world is built, the participant is calibrated,
-        ready and tracked and sees the scene, and the session is not paused.
+        The previous trial must be stored, and the world built. No break may be due, and the session may not be paused.
+        The participant must be calibrated, ready and tracked, and must see the scene.
         """
         state = self.state
         if state.attempt_storage.completing_trial_index is not None:
