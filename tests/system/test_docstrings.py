@@ -19,6 +19,7 @@ SECTION = re.compile(r"^(?:Args|Attributes):\n((?:    .*\n?|\n(?=    ))+)", re.M
 ENTRY = re.compile(r"^    (\**\w+(?:, \**\w+)*):", re.M)
 EXTERNAL = {
     *dir(builtins), "gym", "gymnasium", "mcap", "minari", "msgspec", "numpy", "sqlite3",
+    "AWS_ACCESS_KEY_ID", "AWS_ENDPOINT_URL", "AWS_SECRET_ACCESS_KEY",
     "array_api_compat", "additional_wrappers", "create_env_from_metadata", "discrete", "gpu", "gripSpace", "lang",
     "lsl", "MINARI_DATASETS_PATH", "mjSTATE_INTEGRATION", "nohup", "np_random", "rtprio", "select_action",
     "set_const", "sha256sum", "VecNormalize",
