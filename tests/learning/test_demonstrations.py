@@ -12,10 +12,11 @@ from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.learning import demonstrations
-from avrgym.learning.demonstrations import DELAY_S, SimulatedOperator, demonstrate
+from avrgym.learning.demonstrations import demonstrate
 from avrgym.learning.lerobot_dataset import DatasetEpisode, FeatureStatistics, write_dataset
 from avrgym.people.motor import SPEED_NOISE_SHARE
 from avrgym.policies.registry import resolve_policy
+from avrgym.policies.simulated_operator import DELAY_S, SimulatedOperator
 from avrgym.system.random_streams import demonstration_generator
 from avrgym.tasks.episodes import Episodes
 from helpers.learning.lerobot_policies import lerobot_python, run_lerobot

@@ -1,51 +1,22 @@
-"""Demonstrations of a simulated person who teleoperates the robot, for imitation in other programs.
+"""Demonstrations of a simulated operator who intends the actions of a policy, for imitation in other programs."""
 
-The person intends the actions of a policy, by default the task's expert, but acts later and less precisely. The delay
-is that of reactions to seen events, about 0.2 s (Woods et al., Front. Hum. Neurosci. 9:131, 2015). The noise grows with
-the commanded speed (Harris and Wolpert, Nature 394, 1998), like that of simulated people, see ``people.motor``.
-"""
-
-from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from avrgym.array_types import FloatArray, NumpyArray
+from avrgym.array_types import NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
 from avrgym.models.cameras import CameraSpec, image_entries
-from avrgym.people.motor import SPEED_NOISE_SHARE
 from avrgym.policies import registry
+from avrgym.policies.simulated_operator import SimulatedOperator
 from avrgym.system.random_streams import demonstration_generator
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import instruction
 
-DELAY_S = 0.2
-NOISE_CORRELATION_S = 0.3
-"""Time constant of the noise, which is a first-order autoregressive process."""
 MAX_ATTEMPTS_PER_EPISODE = 10
 """Maximum number of attempts for each successful episode."""
 MAX_WORLDS = 16
-
-
-class SimulatedOperator:
-    """Model of a person who teleoperates the robots of N worlds: delays the intended actions and adds noise."""
-
-    def __init__(self, generators: Sequence[np.random.Generator], action_size: int, control_hz: int) -> None:
-        """Start an episode in each world, with the world's random generator."""
-        self._generators = generators
-        zero: FloatArray = np.zeros((len(generators), action_size))
-        length = round(DELAY_S * control_hz) + 1
-        self._intended: deque[FloatArray] = deque([zero] * length, length)
-        self._noise = zero
-        self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
-
-    def act(self, intended: FloatArray) -> FloatArray:
-        """Returns the person's actions (N, A), given the intended actions (N, A) of the current step."""
-        self._intended.append(intended)
-        fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)
-        self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
-        return np.clip(self._intended[0] * (1.0 + SPEED_NOISE_SHARE * self._noise), -1.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -112,7 +83,7 @@ def _run(
     found: dict[str, list[NumpyArray]] = {}
     with registry.open_policy(policy, world, generators) as act:
         for _ in range(steps):
-            action = operator.act(act(observation).astype(float))
+            action = operator.act(act(observation).astype(float)).clip(-1.0, 1.0)
             images = world.images(cameras) if cameras else {}
             step = world.step(action)
             values = {

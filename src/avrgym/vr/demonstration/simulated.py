@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from avrgym.vr.demonstration.session import DemonstrationSession
-from avrgym.vr.emulation.simulated_demonstrator import DemonstratorTraits, SimulatedDemonstrator
+from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
 from avrgym.vr.protocol.messages import TICK_S, Demonstrate
 
 START_DELAY_S = 0.5
@@ -15,12 +15,11 @@ SUCCESS_DELAY_S = 0.7
 def demonstrate(
     session: DemonstrationSession,
     seed: int,
-    traits: DemonstratorTraits | None = None,
     progress: Callable[[], None] = lambda: None,
 ) -> None:
     """Records all episodes of a session with a planned number of episodes. ``progress`` is called after each
     episode."""
-    demonstrator = SimulatedDemonstrator(seed, traits)
+    demonstrator = SimulatedDemonstrator(seed)
     ticks, waited_s, stage = 0, 0.0, session.stage
     while session.stage != "finished":
         now_s = ticks * TICK_S

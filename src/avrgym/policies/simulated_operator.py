@@ -1,0 +1,41 @@
+"""A simulated operator: delays the intended commands and adds noise, as a person does who teleoperates the robot.
+
+The delay is that of reactions to seen events, about 0.2 s (Woods et al., Front. Hum. Neurosci. 9:131, 2015). The noise
+grows with the commanded speed (Harris and Wolpert, Nature 394, 1998), like that of simulated people, see
+``people.motor``.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from avrgym.array_types import FloatArray
+from avrgym.people.motor import SPEED_NOISE_SHARE
+
+DELAY_S = 0.2
+NOISE_CORRELATION_S = 0.3
+"""Time constant of the noise, which is a first-order autoregressive process."""
+
+
+class SimulatedOperator:
+    """Delays the commands of N worlds, and adds noise."""
+
+    def __init__(self, generators: Sequence[np.random.Generator], command_size: int, control_hz: int) -> None:
+        """Start an episode in each world, with the world's random generator."""
+        self._generators = generators
+        zero: FloatArray = np.zeros((len(generators), command_size))
+        length = round(DELAY_S * control_hz) + 1
+        self._intended: deque[FloatArray] = deque([zero] * length, length)
+        self._noise = zero
+        self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
+
+    def act(self, intended: FloatArray) -> FloatArray:
+        """Returns the commands (N, D) of a control step, given those that the operator intends in it (N, D).
+
+        Commands are speeds: of the joints, or of a hand. Their unit is that of ``intended``.
+        """
+        self._intended.append(intended)
+        fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)
+        self._noise = self._memory * self._noise + np.sqrt(1.0 - self._memory**2) * fresh
+        return self._intended[0] * (1.0 + SPEED_NOISE_SHARE * self._noise)
