@@ -3,7 +3,7 @@
     python research/demonstrations.py clone DATA OUT.safetensors    fits the network to a dataset
     python research/demonstrations.py table POLICY...               evaluates policies, and prints the note's table
 
-DATA is a dataset of `avrgym export demonstrations` without cameras.
+DATA is a dataset of `avrgym export simulated-demonstrations` without cameras.
 """
 
 import sys

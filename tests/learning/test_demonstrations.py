@@ -112,7 +112,16 @@ def test_lerobot_opens_exported_demonstrations(tmp_path: Path) -> None:
     if python is None:
         pytest.skip("LeRobot is not installed; AVRGYM_LEROBOT_PYTHON may name an environment that has it")
     out = tmp_path / "data"
-    command = ["export", "demonstrations", FEEDING, str(out), "--episodes", "2", "--camera", "wrist:80x64"]
+    command = [
+        "export",
+        "simulated-demonstrations",
+        FEEDING,
+        str(out),
+        "--episodes",
+        "2",
+        "--camera",
+        "wrist:80x64",
+    ]
     run = CliRunner().invoke(app, [*command, "--episode-steps", "120"])
     assert run.exit_code == 0, run.output
     assert "successes 2 of 2 attempts" in run.output

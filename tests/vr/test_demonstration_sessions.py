@@ -3,10 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
+from avrgym.learning.lerobot_dataset import FILE
 from avrgym.recording.reader import read_recording
 from avrgym.replay.verification import verify
+from avrgym.vr.demonstration.dataset import write_demonstrations
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
 from avrgym.vr.demonstration.session import DemonstrationSession
 from avrgym.vr.demonstration.simulated import demonstrate
@@ -103,6 +106,29 @@ def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path
         assert recording.outcome is not None
         assert recording.outcome.result == result
         assert verify(recording).identical
+    assert write_demonstrations(tmp_path, tmp_path / "dataset") == []
+    frames = pd.read_parquet(tmp_path / "dataset" / "data" / FILE)
+    control = [step for _, step in recording.messages_by_topic["/control"]]
+    np.testing.assert_array_equal(
+        np.stack(frames["action"]), np.array([step.action for step in control], np.float32)
+    )
+    (about,) = pd.read_parquet(tmp_path / "dataset" / "meta" / "episodes" / FILE).to_dict("records")
+    assert (about["demonstration/attempt"], about["length"]) == ("2", len(control))
+
+
+def test_folders_that_cannot_be_exported_are_refused_in_words(tmp_path: Path) -> None:
+    with pytest.raises(
+        ValueError, match=r"contains no demonstrations\.csv; allowed: a folder of `avrgym demonstrate`"
+    ):
+        write_demonstrations(tmp_path, tmp_path / "out")
+    folder = DemonstrationFolder(tmp_path / "d", ENVIRONMENT)
+    folder.append(row(1, success=False))
+    with pytest.raises(ValueError, match="no completed episode with a success mark; press A or Success"):
+        write_demonstrations(tmp_path / "d", tmp_path / "out")
+    folder.append(row(2))
+    with pytest.raises(ValueError, match=r"no recording can be read: r\.mcap: .*; restore a backup"):
+        write_demonstrations(tmp_path / "d", tmp_path / "out")
+    assert [each.name for each in tmp_path.iterdir()] == ["d"]
 
 
 @pytest.mark.slow

@@ -91,6 +91,9 @@ def demonstrate(
         print_line(
             f"{out}: {recorded} episodes, {successes} successes, {folder.count('discarded')} discarded"
         )
+        if successes:
+            print_line("Write them as a LeRobot dataset")
+            print_line(f"    avrgym export demonstrations {out} dataset")
 
 
 def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder") -> None:

@@ -18,6 +18,11 @@ from avrgym.cli.terminal import print_line, report_errors
 from avrgym.policies.names import POLICY_CHOICES
 from avrgym.tasks.constants import EPISODE_STEPS
 
+CameraOption = Annotated[
+    list[str] | None,
+    typer.Option(help="Colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"),
+]
+
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
 
 
@@ -52,6 +57,25 @@ def export_policy(
 
 @app.command("demonstrations")
 def export_demonstrations(
+    source: Annotated[Path, typer.Argument(help="A folder of `avrgym demonstrate`.", metavar="FOLDER")],
+    out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
+    camera: CameraOption = None,
+) -> None:
+    """Write the successful demonstrations of a folder as a LeRobot dataset."""
+    with report_errors():
+        _check_dataset_packages()
+        from avrgym.vr.demonstration.dataset import write_demonstrations
+
+        with progress_bar("demonstrations", None, "episodes") as bar:
+            omitted = write_demonstrations(source, out, camera or [], bar.update)
+        print_line(f"dataset   {out}")
+        for reason in omitted:
+            print_line(f"omitted   {reason}")
+        _print_training(out)
+
+
+@app.command("simulated-demonstrations")
+def export_simulated_demonstrations(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.", metavar="ENV")],
     out: Annotated[Path, typer.Argument(help="A new folder.", metavar="OUT")],
     policy: Annotated[
@@ -60,10 +84,7 @@ def export_demonstrations(
     episodes: Annotated[int, typer.Option(help="Number of successful episodes.", min=1)] = 50,
     people: Annotated[str, typer.Option(help=f"Population of people: {ALLOWED_PEOPLE}.")] = "revised",
     impairment: ImpairmentOption = "none",
-    camera: Annotated[
-        list[str] | None,
-        typer.Option(help="Colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"),
-    ] = None,
+    camera: CameraOption = None,
     settings: SettingsOption = None,
     episode_steps: EpisodeStepsOption = EPISODE_STEPS,
     seed: SeedOption = 0,
@@ -72,15 +93,16 @@ def export_demonstrations(
 
     The operator acts 0.2 s later and less precisely than the policy. Failed attempts are discarded.
     """
-    from avrgym.learning import demonstrations
-    from avrgym.learning.lerobot_dataset import write_dataset
-    from avrgym.models.cameras import parse_cameras
-    from avrgym.policies.registry import resolve_policy
-    from avrgym.system.files import write_folder_atomically
-    from avrgym.tasks.episodes import Episodes
-    from avrgym.tasks.settings import parse_settings
-
     with report_errors():
+        _check_dataset_packages()
+        from avrgym.learning import demonstrations
+        from avrgym.learning.lerobot_dataset import write_dataset
+        from avrgym.models.cameras import parse_cameras
+        from avrgym.policies.registry import resolve_policy
+        from avrgym.system.files import write_folder_atomically
+        from avrgym.tasks.episodes import Episodes
+        from avrgym.tasks.settings import parse_settings
+
         if out.exists():
             raise FileExistsError(f"{out} already exists; choose another name")
         changes = parse_settings(settings or [])
@@ -111,6 +133,22 @@ def export_demonstrations(
             write_folder_atomically(out, lambda folder: write_dataset(folder, shown, **about))
         print_line(f"dataset   {out}")
         print_line(f"successes {totals.successes} of {totals.attempts} attempts")
+        _print_training(out)
+
+
+def _check_dataset_packages() -> None:
+    """Raise ``ValueError`` if a package that writes LeRobot datasets is missing."""
+    if find_spec("pyarrow") is None:
+        raise ValueError("LeRobot datasets need pyarrow; run `pip install avrgym[export]`")
+
+
+def _print_training(dataset: Path) -> None:
+    """Print the command that trains a policy of LeRobot."""
+    print_line("Train a policy with LeRobot")
+    print_line(
+        f"    lerobot-train --dataset.repo_id=avrgym/{dataset.name} --dataset.root={dataset} --policy.type=act "
+        "--policy.push_to_hub=false --output_dir=act"
+    )
 
 
 @app.command("scene")

@@ -3,15 +3,13 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from avrgym.learning.lerobot_dataset import DatasetEpisode, DatasetWriter
+from avrgym.recording.dataset import recorded_episode
 from avrgym.robots.registry import find_robot
 from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.trials import ExportedAttempt, group_by_scene
 from avrgym.study.storage.store import Store
-from avrgym.tasks.constants import environment_id
-from avrgym.tasks.registry import TASKS, instruction
+from avrgym.tasks.registry import TASKS
 
 
 def write(
@@ -34,17 +32,8 @@ def write(
 
 
 def _episode(exported: ExportedAttempt, cameras: Sequence[str]) -> DatasetEpisode:
-    steps = [control for _, control in exported.control_steps()]
-    trial = exported.trial
-    return DatasetEpisode(
-        instruction(
-            environment_id(trial.task, trial.robot), exported.store.design.settings_of_condition(trial.policy)
-        ),
-        observations=np.array([control.observation for control in steps]),
-        actions=np.array([control.action for control in steps]),
-        rewards=np.array([control.reward for control in steps]),
-        successes=np.array([control.success for control in steps]),
-        forces_on_person_n=np.array([control.force_on_person_n for control in steps]),
+    return recorded_episode(
+        exported.read_complete_recording(),
         images=exported.render_images(cameras),
         labels={
             f"study/{name}": "" if value is None else value

@@ -31,7 +31,7 @@ CHROMIUM_FLAGS = (
 FRAME_INTERVAL_S = 1.0 / 72.0
 """Interval at which the simulated participant sets poses."""
 _SHOW_CONTROLS = """(visibility) => {
-    for (const id of ["card", "emergency"]) document.getElementById(id).style.visibility = visibility;
+    for (const each of document.querySelectorAll("#card, #emergency")) each.style.visibility = visibility;
 }"""
 """Script that hides or shows the controls over the view. The page's security policy forbids style sheets of
 Playwright."""

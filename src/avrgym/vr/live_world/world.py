@@ -184,8 +184,13 @@ class LiveWorld:
         return bool(self._loop.apply_command(command)[0])
 
     def expert(self) -> ActionFunction:
-        """Returns the task's expert for the current episode: a function of observations (1, O) to actions (1, A)."""
-        return self._episodes.task.expert(self._episodes)
+        """Returns an expert for the current episode: a function of observations (1, O) to actions (1, A).
+
+        It is the expert that training imitates. Its actions depend on the present state, so a driver may also deviate
+        from them.
+        """
+        task = self._episodes.task
+        return (task.memory_expert or task.feedback_expert)(self._episodes)
 
     def observe(self) -> FloatArray:
         """Returns the observation (1, O) of the current state."""

@@ -1,0 +1,33 @@
+"""Episodes of LeRobot datasets from recordings."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from avrgym.array_types import NumpyArray
+from avrgym.learning.lerobot_dataset import DatasetEpisode
+from avrgym.recording.reader import Recording
+from avrgym.tasks.registry import instruction
+
+
+def recorded_episode(
+    recording: Recording,
+    images: Mapping[str, NumpyArray],
+    labels: Mapping[str, Any],
+    constants: Mapping[str, bool],
+) -> DatasetEpisode:
+    """Returns the control steps of a recording as an episode. ``images``, ``labels``, ``constants``: its fields."""
+    steps = [control for _, control in recording.messages_by_topic["/control"]]
+    configuration = recording.configuration
+    return DatasetEpisode(
+        instruction(configuration.environment, configuration.settings),
+        observations=np.array([control.observation for control in steps]),
+        actions=np.array([control.action for control in steps]),
+        rewards=np.array([control.reward for control in steps]),
+        successes=np.array([control.success for control in steps]),
+        forces_on_person_n=np.array([control.force_on_person_n for control in steps]),
+        images=images,
+        labels=labels,
+        constants=constants,
+    )
