@@ -110,7 +110,7 @@ def test_buttons_start_discard_and_end_episodes_with_other_people(tmp_path: Path
     frames = pd.read_parquet(tmp_path / "dataset" / "data" / FILE)
     control = [step for _, step in recording.messages_by_topic["/control"]]
     np.testing.assert_array_equal(
-        np.stack(frames["action"]), np.array([step.action for step in control], np.float32)
+        np.stack([*frames["action"]]), np.array([step.action for step in control], np.float32)
     )
     (about,) = pd.read_parquet(tmp_path / "dataset" / "meta" / "episodes" / FILE).to_dict("records")
     assert (about["demonstration/attempt"], about["length"]) == ("2", len(control))
