@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from avrgym.hosting.capacity import IdleCores
+from avrgym.hosting.capacity import Capacity
 from avrgym.hosting.host import Host
 from avrgym.study.storage.store import Store
 from helpers.hosting.served_host import Served
@@ -18,5 +18,5 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         'headset_check = false\n[completed]\ncode = "DONE"\n[screened_out]\ncode = "OUT"\n[withdrawn]\ncode = "LEFT"\n'
     )
     with pytest.MonkeyPatch.context() as patch, Store(folder) as store, Host(store, max_sessions=3) as host:
-        patch.setattr(IdleCores, "measure", lambda self: None)  # other tests use the processors
+        patch.setattr(Capacity, "idle_cores", None)  # other tests use the processors
         yield Served(host)

@@ -36,7 +36,6 @@ def test_capacity_follows_the_measured_processor_time() -> None:
     assert (capacity.cpu_share, capacity.sessions) == (pytest.approx(0.2), 32)
     capacity.forget("a")
     assert capacity.cpu_share == pytest.approx(0.2)
-    assert Capacity(3, cores=8).sessions == 3
     assert Capacity(cores=1).admits(0)
 
 
@@ -67,10 +66,11 @@ def test_no_session_is_admitted_while_other_programs_use_the_processors(tmp_path
     assert measure(700, 300) is None
     clock.now_s = 7.5
     capacity = Capacity(cores=4)
-    capacity.idle_cores = measure(1100, 300)
+    report(capacity, "a", INITIAL_CPU_SHARE, 0)
+    capacity.observe("a", 40.0, INITIAL_CPU_SHARE, 0, in_trial=True, idle_cores=measure(1100, 300))
     assert capacity.idle_cores == 0.0
     assert [capacity.admits(running) for running in (0, 1)] == [True, False]
-    capacity.idle_cores = 2.5 * INITIAL_CPU_SHARE
+    capacity.observe("a", 41.0, INITIAL_CPU_SHARE, 0, in_trial=True, idle_cores=2.5 * INITIAL_CPU_SHARE)
     assert [capacity.admits(2, young) for young in (0, 1, 2)] == [True, True, False]
 
 

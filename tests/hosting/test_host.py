@@ -83,7 +83,7 @@ def test_killed_session_is_replaced_with_the_same_link(served: Served) -> None:
         assert isinstance(welcome, Welcome)
         assert welcome.session == f"{session.pseudonym} ses-01"
         os.kill(session.process.pid or 0, signal.SIGKILL)
-    wait_until(lambda: session.crashes == 1 and session.port, "the process is replaced")
+    wait_until(lambda: session.crashes == 1 and session.address, "the process is replaced")
     assert served.stage(token)["path"] == f"session/{session.id}/"
     with served.connect(session.id, session.link) as socket:
         welcome = first(socket)
@@ -114,7 +114,7 @@ def test_participant_is_completed_after_a_crash_at_the_end(served: Served) -> No
 def test_waiting_and_absent_participants(served: Served, monkeypatch: pytest.MonkeyPatch) -> None:
     """With full capacity a participant waits. The session of an absent participant ends, and can be started again."""
     pool = served.host.pool
-    monkeypatch.setattr(pool.capacity, "_max_sessions", 1)
+    monkeypatch.setattr(pool, "_max_sessions", 1)
     session, token = served.start()
     pseudonym, waiting = served.admit()
     assert served.post("waiting-list", waiting).status_code == 204

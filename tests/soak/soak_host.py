@@ -3,42 +3,14 @@
 Run one with other numbers: ``python tests/soak/soak_host.py PARTICIPANTS KILLS``.
 """
 
-import asyncio
 import json
-import multiprocessing
-import os
-import random
-import signal
 import sys
 import tempfile
-import threading
-import time
-from collections import Counter
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from avrgym.hosting.host import Host
-from avrgym.hosting.session_pool import SessionPool
-from avrgym.study.checking.checks import check_study
-from avrgym.study.people.invitations import create_invitations
-from avrgym.study.storage.store import Store
-from helpers.hosting.emulated_participants import (
-    percentile_ms,
-    record_motion,
-    take_part_together,
-)
-from helpers.studies.small_studies import make_study
-
-DEADLINE_S = 1800.0
-DESIGN = {
-    "tasks": '["Feeding"]',
-    "robots": '["Jaco"]',
-    "trial_steps": "60",
-    "free_movement_s": "1.0",
-}
-SETTINGS = 'headset_check = false\nabsence_minutes = 2\n[completed]\ncode = "DONE"\n'
+from helpers.hosting.hosted_participants import host_participants
 
 
 def test_participants_with_killed_sessions(tmp_path: Path) -> None:
@@ -47,111 +19,6 @@ def test_participants_with_killed_sessions(tmp_path: Path) -> None:
     assert figures["completed"] == 6
     assert figures["lost_trials"] == 0
     assert figures["faults"] == []
-
-
-def host_participants(folder: Path, participants: int, kills: int) -> dict[str, Any]:
-    """Host a study for emulated participants who come at once. Returns figures about them."""
-    make_study(folder, **DESIGN)
-    (folder / "host.toml").write_text(SETTINGS)
-    with Store(folder) as store, Host(store) as host:
-        invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
-        watch = _Watch(host.pool, kills)
-        watch.start()
-        began_s = time.monotonic()
-        outcomes = _in_other_process(host.origin, invitations)
-        seconds = time.monotonic() - began_s
-        watch.over.set()
-        watch.join()
-        faults = [str(each) for each in check_study(store) if each.is_error]
-        faults += [str(each) for each in store.database.find_faults()]
-        trials = [trial for each in store.participants() for trial in store.trials(each.pseudonym)]
-        attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
-        return {
-            "participants": participants,
-            "completed": sum(each["ending"] == "completed" for each in outcomes),
-            "with_code": sum(each["code"] == "DONE" for each in outcomes),
-            "errors": [each["error"] for each in outcomes if each["error"]],
-            "seconds": round(seconds, 1),
-            "most_sessions_at_once": watch.most,
-            "killed": watch.killed,
-            "connections": sum(each["connections"] for each in outcomes),
-            "trials": len(trials),
-            "lost_trials": sum(trial.state != "completed" for trial in trials),
-            "attempts": dict(Counter(each.state for each in attempts)),
-            "cpu_share_in_trials": round(watch.mean_cpu_share, 3),
-            "ticks_given_up_share": round(watch.missed / max(watch.ticks, 1), 5),
-            "round_trip_ms": {str(each["name"]): each["ms"] for each in outcomes[0]["percentiles"]},
-            "waited_s_max": max(each["waited_s"] for each in outcomes),
-            "faults": faults,
-        }
-
-
-def _in_other_process(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_take_part, (origin, invitations))
-
-
-def _take_part(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
-    outcomes = asyncio.run(take_part_together(origin, invitations, DEADLINE_S, record_motion()))
-    shares = {"p50": 0.5, "p95": 0.95, "p99": 0.99}
-    percentiles = [
-        {"name": name, "ms": round(percentile_ms(outcomes, share), 1)} for name, share in shares.items()
-    ]
-    return [
-        {
-            "ending": each.ending,
-            "code": each.code,
-            "connections": each.connections,
-            "waited_s": each.waited_s,
-            "error": each.error,
-            "percentiles": percentiles,
-        }
-        for each in outcomes
-    ]
-
-
-class _Watch(threading.Thread):
-    """Counts sessions and ticks, and kills processes of sessions."""
-
-    def __init__(self, pool: SessionPool, kills: int) -> None:
-        super().__init__(daemon=True)
-        self.over = threading.Event()
-        self.most = self.killed = 0
-        self._pool, self._kills = pool, kills
-        self._last: dict[int, tuple[float, int]] = {}
-        self._shares: list[float] = []
-        self._random = random.Random(1)
-
-    @property
-    def ticks(self) -> float:
-        """Number of ticks of all processes."""
-        return sum(100.0 * seconds for seconds, _ in self._last.values())
-
-    @property
-    def missed(self) -> int:
-        """Number of ticks that all processes gave up."""
-        return sum(missed for _, missed in self._last.values())
-
-    @property
-    def mean_cpu_share(self) -> float:
-        """Mean processor time of a session in trials, as a share of one core."""
-        return sum(self._shares) / max(len(self._shares), 1)
-
-    def run(self) -> None:
-        """Watch until the end."""
-        next_kill_s = time.monotonic() + 15.0
-        while not self.over.wait(1.0):
-            sessions = self._pool.sessions
-            self.most = max(self.most, len(sessions))
-            for each in sessions:
-                self._last[each.process.pid or 0] = each.report.seconds, each.report.missed_ticks
-                if each.report.phase == "trial":
-                    self._shares.append(each.report.cpu_share)
-            busy = [each for each in sessions if each.report.phase in ("trial", "free", "questionnaire")]
-            if self.killed < self._kills and busy and time.monotonic() > next_kill_s:
-                os.kill(self._random.choice(busy).process.pid or 0, signal.SIGKILL)
-                self.killed += 1
-                next_kill_s = time.monotonic() + 5.0
 
 
 if __name__ == "__main__":

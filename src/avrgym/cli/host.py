@@ -1,14 +1,20 @@
 """The command ``avrgym host``."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from avrgym.cli.activity_log import log_start_and_end
 from avrgym.cli.names import unlock_identity_file
+from avrgym.cli.options import cluster_connection
 from avrgym.cli.terminal import print_line, report_errors
 from avrgym.vr.server.addresses import DEFAULT_PORT, LOOPBACK_HOSTS
+
+if TYPE_CHECKING:
+    from avrgym.hosting.cluster import RayNodes
+    from avrgym.study.storage.store import Store
+    from avrgym.system.cluster import Cluster
 
 
 def host(
@@ -40,7 +46,15 @@ def host(
     sessions: Annotated[
         int | None,
         typer.Option(
-            help="Maximum number of concurrent sessions; by default, what this computer can run.", min=1
+            help="Maximum number of concurrent sessions; by default, what the computers can run.", min=1
+        ),
+    ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            help="Run sessions on the nodes of a Ray cluster: `local`, `auto`, HOST:PORT or ray://HOST:PORT. Needs "
+            "PostgreSQL, an object store, and the extra `cluster`.",
+            metavar="ADDRESS",
         ),
     ] = None,
 ) -> None:
@@ -56,6 +70,7 @@ def host(
         with (
             Store(study) as store,
             log_start_and_end(store, "start host", "stop host"),
+            cluster_connection(cluster, None) as connected,
             Host(
                 store,
                 address=address,
@@ -64,6 +79,7 @@ def host(
                 experimenter_port=experimenter_port,
                 max_sessions=sessions,
                 proxies=tuple(proxy or ()),
+                computers=_nodes(store, connected),
             ) as running,
         ):
             print_line("Participants: the links of")
@@ -75,3 +91,12 @@ def host(
                 running.wait()
             except KeyboardInterrupt:
                 print_line("stopped")
+
+
+def _nodes(store: "Store", cluster: "Cluster | None") -> "RayNodes | None":
+    """Returns the nodes that run sessions; ``None`` without a cluster."""
+    if cluster is None:
+        return None
+    from avrgym.hosting.cluster import RayNodes
+
+    return RayNodes(store, cluster)

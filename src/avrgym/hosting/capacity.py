@@ -38,6 +38,7 @@ class _Measured:
     peak: float = 0.0
     recent: deque[float] = field(default_factory=lambda: deque[float](maxlen=MEAN_REPORTS))
     missed: deque[tuple[float, int]] = field(default_factory=deque[tuple[float, int]])
+    idle_cores: float | None = None
 
 
 class IdleCores:
@@ -64,16 +65,19 @@ class IdleCores:
 
 
 class Capacity:
-    """Measures the load of the running sessions, and decides whether another session can start."""
+    """Measures the load of a computer's sessions, and decides whether another session can start there."""
 
-    def __init__(self, max_sessions: int | None = None, cores: int | None = None) -> None:
-        """``max_sessions``: a limit in addition to the measured limit. ``cores``: default: cores of this process."""
-        self._max_sessions = max_sessions
+    def __init__(self, cores: int | None = None) -> None:
+        """``cores``: number of cores; default: those of this process."""
         self._cores = cores or _own_cores()
         self._running: dict[str, _Measured] = {}
         self._finished_peaks: deque[float] = deque(maxlen=20)
-        self.idle_cores: float | None = None
-        """Number of idle cores of this computer; ``None`` if it is not measured."""
+
+    @property
+    def idle_cores(self) -> float | None:
+        """Lowest reported number of idle cores; ``None`` if it is not measured."""
+        known = [each.idle_cores for each in self._running.values() if each.idle_cores is not None]
+        return min(known, default=None)
 
     @property
     def cpu_share(self) -> float:
@@ -85,8 +89,7 @@ class Capacity:
     @property
     def sessions(self) -> int:
         """Maximum number of concurrent sessions; at least 1."""
-        measured = max(1, int(MAX_LOAD * self._cores / max(self.cpu_share, 0.01)))
-        return measured if self._max_sessions is None else min(measured, self._max_sessions)
+        return max(1, int(MAX_LOAD * self._cores / max(self.cpu_share, 0.01)))
 
     @property
     def missed_share(self) -> float:
@@ -100,14 +103,23 @@ class Capacity:
         return missed / planned if planned else 0.0
 
     def observe(
-        self, session: str, seconds: float, cpu_share: float, missed_ticks: int, *, in_trial: bool
+        self,
+        session: str,
+        seconds: float,
+        cpu_share: float,
+        missed_ticks: int,
+        *,
+        in_trial: bool,
+        idle_cores: float | None = None,
     ) -> None:
         """Store a report of a session.
 
         ``seconds``: time since the session's start. ``cpu_share``: load as a share of one core. ``missed_ticks``:
-        number of missed ticks so far. ``in_trial``: a trial is running; the load is measured only then.
+        number of missed ticks so far. ``in_trial``: a trial is running; the load is measured only then. ``idle_cores``:
+        number of idle cores of the computer.
         """
         own = self._running.setdefault(session, _Measured())
+        own.idle_cores = idle_cores
         if seconds > SETTLE_S:
             if in_trial:
                 own.recent.append(cpu_share)

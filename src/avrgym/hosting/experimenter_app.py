@@ -20,6 +20,7 @@ from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.request_log import DashboardLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH
+from avrgym.study.storage.remote_recordings import object_store_problem
 from avrgym.study.storage.states import PARTICIPANT_TRANSITIONS, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.headset_check import MAX_LATENCY_MS
@@ -123,12 +124,12 @@ def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str
     return {
         "title": store.design.title,
         "is_open": state.is_open,
-        "capacity": pool.capacity.sessions,
-        "session_cpu_share": pool.capacity.cpu_share,
-        "missed_share": pool.capacity.missed_share,
+        "capacity": pool.capacity,
+        "session_cpu_share": pool.session_cpu_share,
+        "missed_share": pool.missed_share,
         "waiting": pool.waiting,
         "participants": {state: states.count(state) for state in PARTICIPANT_TRANSITIONS if state in states},
-        "problems": [store.object_store.problem] if store.object_store and store.object_store.problem else [],
+        "problems": [problem] if (problem := object_store_problem(store)) else [],
         "copies_requested": requested(store, COPY_REQUESTED),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }

@@ -1,9 +1,11 @@
 """The host of a study: the public server, the experimenter's server, and the processes of the sessions."""
 
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
 from avrgym.hosting.addresses import check_address
+from avrgym.hosting.computers import Computer
 from avrgym.hosting.data_requests import RequestedDeletions
 from avrgym.hosting.experimenter_app import experimenter_app
 from avrgym.hosting.headset_codes import HeadsetCodes
@@ -42,6 +44,7 @@ class Host:
         experimenter_port: int = 0,
         max_sessions: int | None = None,
         proxies: tuple[str, ...] = (),
+        computers: Callable[[], Sequence[Computer]] | None = None,
     ) -> None:
         """Bind the ports of both servers.
 
@@ -53,6 +56,7 @@ class Host:
             experimenter_port: the port of the experimenter's server, on a loopback address.
             max_sessions: a limit of concurrent sessions, in addition to the measured capacity.
             proxies: addresses of the reverse proxies that provide TLS.
+            computers: returns the computers that run sessions; default: only this computer.
 
         Raises:
             DesignError: if ``host.toml`` is invalid.
@@ -73,7 +77,7 @@ class Host:
             self.port, self.experimenter_port = int(public.getsockname()[1]), int(own.getsockname()[1])
             self.origin = check_address(address or f"http://localhost:{self.port}")
             failed.pop_all()
-        self.pool = SessionPool(store, settings, self._state, max_sessions)
+        self.pool = SessionPool(store, settings, self._state, max_sessions, computers=computers)
         self._experimenters = ExperimenterTokens(store)
         self.tokens = StudyTokens.of_study(private / "tokens.json", self._experimenters, SessionLinks())
         local = [f"{name}:{self.port}" for name in LOOPBACK_HOSTS]

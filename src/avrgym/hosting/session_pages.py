@@ -19,11 +19,11 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
     ``tunnel`` forwards the WebSockets.
     """
 
-    def port_of(session_id: str) -> int:
+    def address_of(session_id: str) -> tuple[str, int]:
         session = pool.find(session_id)
-        if session is None or session.port is None:
+        if session is None or session.address is None:
             raise HTTPException(404, "this session is not running; open the study's page to start a session")
-        return session.port
+        return session.address
 
     app.get(f"/session/{{session_id}}/{path}")(
         page_endpoint(PAGE)
@@ -39,23 +39,24 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
 
     @app.get("/session/{session_id}/scenes/{name}")
     def scene(session_id: str, name: str, request: Request) -> Response:
-        return _passed_on(port_of(session_id), f"/scenes/{name}", request)
+        return _passed_on(address_of(session_id), f"/scenes/{name}", request)
 
     @app.get("/session/{session_id}/sounds/{language}/{name}")
     def sound(session_id: str, language: str, name: str, request: Request) -> Response:
-        return _passed_on(port_of(session_id), f"/sounds/{language}/{name}", request)
+        return _passed_on(address_of(session_id), f"/sounds/{language}/{name}", request)
 
 
 PASSED_REQUEST_HEADERS = ("authorization", "if-none-match")
 PASSED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
 
 
-def _passed_on(port: int, path: str, request: Request) -> Response:
+def _passed_on(address: tuple[str, int], path: str, request: Request) -> Response:
     """Returns the response of the session's server."""
     if not all(character.isalnum() or character in "/._-" for character in path):
         raise HTTPException(404, "no such file")
     headers = {name: request.headers[name] for name in PASSED_REQUEST_HEADERS if name in request.headers}
-    connection = HTTPConnection("127.0.0.1", port, timeout=SESSION_TIMEOUT_S)
+    headers["host"] = f"localhost:{address[1]}"
+    connection = HTTPConnection(*address, timeout=SESSION_TIMEOUT_S)
     try:
         connection.request("GET", path, headers=headers)
         response = connection.getresponse()

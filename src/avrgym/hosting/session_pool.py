@@ -1,20 +1,18 @@
 """Processes of the running sessions: start, monitoring, replacement after a crash, and end at the deadline."""
 
-import multiprocessing
 import secrets
 import statistics
-import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
-from multiprocessing.process import BaseProcess
-from typing import Any, Literal
+from typing import Literal
 
-from avrgym.hosting.capacity import YOUNG_S, Capacity, IdleCores
+from avrgym.hosting.capacity import YOUNG_S
+from avrgym.hosting.computers import Computer, SessionWorker, ThisComputer
 from avrgym.hosting.host_state import HostState, RunningSession
 from avrgym.hosting.session_process import (
     Ended,
@@ -24,14 +22,12 @@ from avrgym.hosting.session_process import (
     Report,
     SessionCommand,
     SessionRequest,
-    run_session,
 )
 from avrgym.hosting.settings import HostSettings
 from avrgym.hosting.waiting_list import WaitingList, estimate_wait_s
 from avrgym.study.sessions.visit import has_unfinished_trials
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
-from avrgym.system.child_processes import block_terminal_signals
 from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.session_links import new_link
 
@@ -64,7 +60,8 @@ class HostedSession:
     pseudonym: str
     link: str
     trials: int
-    process: BaseProcess
+    computer: Computer
+    process: SessionWorker
     pipe: Connection
     began_s: float
     began_at_s: float = field(default_factory=time.time)
@@ -77,9 +74,9 @@ class HostedSession:
     error: str = ""
 
     @property
-    def port(self) -> int | None:
-        """The loopback port of the session's server; ``None`` while its process starts."""
-        return self.report.port or None
+    def address(self) -> tuple[str, int] | None:
+        """Address and port of the session's server; ``None`` while its process starts."""
+        return (self.report.host, self.report.port) if self.report.port else None
 
 
 @dataclass(frozen=True)
@@ -100,21 +97,30 @@ class SessionPool:
         state: HostState,
         max_sessions: int | None = None,
         *,
-        run: Callable[[SessionRequest, Connection], None] = run_session,
+        computers: Callable[[], Sequence[Computer]] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """``state``: stores sessions and waiting list. ``run``: the function that runs in a session's process."""
-        self._store, self._settings, self._run, self._clock = store, settings, run, clock
-        self._state = state
-        self.capacity = Capacity(max_sessions)
-        self._waiting, self._idle_cores = WaitingList(), IdleCores()
+        """Create the pool without sessions.
+
+        Args:
+            store: the study.
+            settings: time limits of sessions.
+            state: stores sessions and waiting list.
+            max_sessions: a limit of concurrent sessions, in addition to the measured capacity.
+            computers: returns the available computers; default: only this computer.
+            clock: returns the time in seconds.
+        """
+        self._store, self._settings, self._clock = store, settings, clock
+        self._state, self._max_sessions = state, max_sessions
+        this = ThisComputer()
+        self._computers = computers or (lambda: [this])
+        self._waiting = WaitingList()
         self._sessions: dict[str, HostedSession] = {}
         self._failed: dict[str, str] = {}
         self._durations_s: deque[float] = deque(maxlen=50)
         self._lock = threading.RLock()
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="sessions", daemon=True)
-        self._processes = _process_context()
 
     def __enter__(self) -> "SessionPool":
         self._restore()
@@ -138,6 +144,22 @@ class SessionPool:
         """The running sessions in the order of their start."""
         with self._lock:
             return list(self._sessions.values())
+
+    @property
+    def capacity(self) -> int:
+        """Maximum number of concurrent sessions of all computers."""
+        measured = sum(each.capacity.sessions for each in self._computers())
+        return measured if self._max_sessions is None else min(measured, self._max_sessions)
+
+    @property
+    def session_cpu_share(self) -> float:
+        """Highest estimated load of one session, as a share of one core."""
+        return max((each.capacity.cpu_share for each in self._computers()), default=0.0)
+
+    @property
+    def missed_share(self) -> float:
+        """Highest share of missed ticks of a computer's sessions."""
+        return max((each.capacity.missed_share for each in self._computers()), default=0.0)
 
     @property
     def waiting(self) -> int:
@@ -184,7 +206,7 @@ class SessionPool:
             position, now_s = self._waiting.position(pseudonym), self._clock()
             remaining = [self._remaining_s(each, now_s) for each in self._sessions.values()]
             return Place(
-                position, estimate_wait_s(position, remaining, self.session_s, self.capacity.sessions)
+                position, estimate_wait_s(position, remaining, self.session_s, max(self.capacity, 1))
             )
 
     def leave(self, pseudonym: str) -> None:
@@ -223,13 +245,15 @@ class SessionPool:
         self._waiting.restore([each for each in self._state.waiting if each in allocated], now_s)
         for each in self._state.sessions:
             age_s = now_at_s - each.began_at_s
-            if each.pseudonym in allocated and age_s < 60.0 * self._settings.session_minutes:
-                process, pipe = self._start_process(each.pseudonym, each.link)
+            computer = self._choose(self._computers())
+            if each.pseudonym in allocated and age_s < 60.0 * self._settings.session_minutes and computer:
+                process, pipe = computer.start(self._request(each.pseudonym, each.link))
                 self._sessions[each.id] = HostedSession(
                     each.id,
                     each.pseudonym,
                     each.link,
                     each.trials,
+                    computer,
                     process,
                     pipe,
                     now_s - age_s,
@@ -252,9 +276,8 @@ class SessionPool:
         while not self._closed.is_set():
             with self._lock:
                 pipes = [each.pipe for each in self._sessions.values() if not each.pipe.closed]
-                sentinels = [each.process.sentinel for each in self._sessions.values()]
-            if sentinels:
-                wait([*pipes, *sentinels], STEP_S)
+            if pipes:  # the pipe of an ended process is ready, too
+                wait(pipes, STEP_S)
                 time.sleep(STEP_S / 4.0)  # several reports arrive together
             else:
                 self._closed.wait(STEP_S)
@@ -269,7 +292,6 @@ class SessionPool:
                 self._finish(session, now_s, ended=ended or session.state == "ending")
             else:
                 self._enforce_times(session, now_s)
-        self.capacity.idle_cores = self._idle_cores.measure()
         self._waiting.remove_absent(now_s)
         with suppress(StudyError):  # the database is unreachable; participants wait
             self._admit(now_s)
@@ -287,12 +309,13 @@ class SessionPool:
                     case Report():
                         session.report = received
                         session.state = "running" if session.state == "starting" else session.state
-                        self.capacity.observe(
+                        session.computer.capacity.observe(
                             session.id,
                             received.seconds,
                             received.cpu_share,
                             received.missed_ticks,
                             in_trial=received.phase == "trial",
+                            idle_cores=received.idle_cores,
                         )
                     case str():
                         session.error = received
@@ -301,11 +324,12 @@ class SessionPool:
     def _finish(self, session: HostedSession, now_s: float, *, ended: bool) -> None:
         """Remove an ended session. Replace the process of a crashed session."""
         session.pipe.close()
-        self.capacity.forget(session.id)
+        session.computer.capacity.forget(session.id)
         if not ended:
             session.crashes += 1
-            if session.crashes < MAX_CRASHES and not session.error:
-                self._replace_process(session, now_s)
+            computer = self._choose(self._computers())
+            if session.crashes < MAX_CRASHES and not session.error and computer:
+                self._replace_process(session, computer, now_s)
                 return
             self._failed[session.pseudonym] = session.error or "the session has failed"
         else:
@@ -338,33 +362,41 @@ class SessionPool:
 
     def _admit(self, now_s: float) -> None:
         """Start the session of the first waiting participant, if the capacity permits. One session starts at a time."""
-        if any(each.state == "starting" for each in self._sessions.values()):
-            return
         pseudonym = self._waiting.next()
-        young = sum(now_s - each.process_began_s < YOUNG_S for each in self._sessions.values())
-        if pseudonym is None or not self.capacity.admits(len(self._sessions), young):
+        limit = self._max_sessions
+        if pseudonym is None or (limit is not None and len(self._sessions) >= limit):
+            return
+        computer = self._choose([each for each in self._computers() if self._admits(each, now_s)])
+        if computer is None:
             return
         trials = len(self._store.remaining_trials(pseudonym))
         self._waiting.leave(pseudonym)
         session_id, link = secrets.token_hex(ID_BYTES), new_link()
-        process, pipe = self._start_process(pseudonym, link)
+        process, pipe = computer.start(self._request(pseudonym, link))
         self._sessions[session_id] = HostedSession(
-            session_id, pseudonym, link, trials, process, pipe, now_s, process_began_s=now_s
+            session_id, pseudonym, link, trials, computer, process, pipe, now_s, process_began_s=now_s
         )
 
-    def _replace_process(self, session: HostedSession, now_s: float) -> None:
-        session.process, session.pipe = self._start_process(session.pseudonym, session.link)
+    def _admits(self, computer: Computer, now_s: float) -> bool:
+        """Returns whether another session can start on a computer. On each computer, one session starts at a time."""
+        own = [each for each in self._sessions.values() if each.computer is computer]
+        young = sum(now_s - each.process_began_s < YOUNG_S for each in own)
+        is_starting = any(each.state == "starting" for each in own)
+        return not is_starting and computer.capacity.admits(len(own), young)
+
+    def _choose(self, computers: Sequence[Computer]) -> Computer | None:
+        """Returns the computer with the most free places; ``None`` without a computer."""
+        used = Counter(id(each.computer) for each in self._sessions.values())
+        return max(computers, key=lambda each: each.capacity.sessions - used[id(each)], default=None)
+
+    def _replace_process(self, session: HostedSession, computer: Computer, now_s: float) -> None:
+        session.computer = computer
+        session.process, session.pipe = computer.start(self._request(session.pseudonym, session.link))
         session.state, session.report = "starting", Report(0)
         session.process_began_s, session.absent_since_s = now_s, None
 
-    def _start_process(self, pseudonym: str, link: str) -> tuple[BaseProcess, Connection]:
-        request = SessionRequest(self._store.folder, pseudonym, link, self._settings.headset_check)
-        pipe, theirs = self._processes.Pipe()
-        process = self._processes.Process(target=self._run, args=(request, theirs))
-        with block_terminal_signals():
-            process.start()
-        theirs.close()
-        return process, pipe
+    def _request(self, pseudonym: str, link: str) -> SessionRequest:
+        return SessionRequest(self._store.folder, pseudonym, link, self._settings.headset_check)
 
     def _send(self, session_id: str, command: FromHost) -> None:
         with self._lock:
@@ -384,12 +416,3 @@ class SessionPool:
         by_trials = self.session_s * left / max(session.trials, 1)
         deadline_s = 60.0 * self._settings.session_minutes + END_TIMEOUT_S - elapsed_s
         return min(by_trials, max(deadline_s, 0.0))
-
-
-def _process_context() -> Any:
-    """Returns the context that starts processes. Except on Windows, a server with imported modules forks them."""
-    if sys.platform == "win32":
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["avrgym.hosting.session_process"])
-    return context

@@ -1,6 +1,6 @@
 """A participant's session in a separate process, with the server of ``avrgym serve``.
 
-The process listens on a free loopback port. Once a second, it reports its state to the host through a pipe. It receives
+The process listens on a free port. Once a second, it reports its state to the host through a pipe. It receives
 commands through the same pipe. It ends after the session, or when the host closes the pipe.
 """
 
@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from avrgym.hosting.capacity import IdleCores
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.threads import StorageThread
 from avrgym.study.storage.identity_file import IDENTITY_FOLDER as PRIVATE
+from avrgym.study.storage.remote_recordings import object_store_problem
 from avrgym.study.storage.rows import participant_number
 from avrgym.study.storage.sessions import record_session_event
 from avrgym.study.storage.store import Store
@@ -38,24 +40,28 @@ EARLIER_PROCESS_TIMEOUT_S = 60.0
 class SessionRequest:
     """Request to run a session. ``link``: the token of the participant's page.
 
-    ``folder``: the study's folder. ``headset_check``: start with a headset check.
+    ``folder``: the study's folder. ``headset_check``: start with a headset check. ``address``: address to listen on.
+    ``is_temporary``: the folder is a temporary copy, see ``Store``.
     """
 
     folder: Path
     pseudonym: str
     link: str
     headset_check: bool = True
+    address: str = "127.0.0.1"
+    is_temporary: bool = False
 
 
 @dataclass(frozen=True)
 class Report:
     """The state of a running session.
 
-    ``port``: loopback port of the session's server. ``trial`` and ``trials``: number of the current trial, and number
-    of all trials. ``seconds``: time since the start. ``cpu_share``: load in the last second, as a share of one core.
-    ``missed_ticks``: number of missed ticks since the start. ``tick_ms``: median duration of a tick. ``latency_ms``:
-    median latency from tracking to display, if known. ``untracked_share``: share of the time in trials without tracking
-    of a required body part. ``problem``: latest error message to the experimenter.
+    ``port`` and ``host``: port and address of the session's server. ``trial`` and ``trials``: number of the current
+    trial, and number of all trials. ``seconds``: time since the start. ``cpu_share``: load in the last second, as a
+    share of one core. ``missed_ticks``: number of missed ticks since the start. ``tick_ms``: median duration of a tick.
+    ``latency_ms``: median latency from tracking to display, if known. ``untracked_share``: share of the time in trials
+    without tracking of a required body part. ``problem``: latest error message to the experimenter. ``idle_cores``:
+    number of idle cores of the computer, if known.
     """
 
     port: int
@@ -71,6 +77,8 @@ class Report:
     latency_ms: float | None = None
     untracked_share: float = 0.0
     problem: str = ""
+    host: str = "127.0.0.1"
+    idle_cores: float | None = None
 
 
 @dataclass(frozen=True)
@@ -151,7 +159,7 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
                 participant_number(request.pseudonym),
                 EARLIER_PROCESS_TIMEOUT_S,
             ),
-            Store(request.folder) as store,
+            Store(request.folder, temporary=request.is_temporary) as store,
             ThreadPoolExecutor(1) as workers,
             StorageThread() as storing,
             ExperimenterTokens(store) as experimenters,
@@ -167,8 +175,9 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
                     headset_check=request.headset_check,
                     links=links,
                 ),
-                "127.0.0.1",
+                request.address,
                 0,
+                behind_proxy=True,  # the host's tunnel
                 tokens=StudyTokens.of_study(request.folder / PRIVATE / "tokens.json", experimenters, links),
                 sounds=request.folder / SOUNDS_FOLDER,
                 links=links,
@@ -192,7 +201,8 @@ def _watch(
     """Report the session's state and execute commands, until the session or the host has ended."""
     began_s = reported_s = time.monotonic()
     used_s = time.process_time()
-    pipe.send(replace(collector.latest, port=server.port))
+    idle_cores = IdleCores()
+    pipe.send(replace(collector.latest, port=server.port, host=server.host))
     session_id = store.sessions(server.session.participant or "")[-1].id
     while server.loop.error is None:
         if pipe.poll(POLL_INTERVAL_S):
@@ -215,6 +225,9 @@ def _watch(
                 replace(
                     collector.latest,
                     port=server.port,
+                    host=server.host,
+                    idle_cores=idle_cores.measure(),
+                    problem=collector.latest.problem or object_store_problem(store),
                     is_connected=server.has_participant,
                     seconds=now_s - began_s,
                     cpu_share=(used_s - before_s) / (now_s - reported_s),

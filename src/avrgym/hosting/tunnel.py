@@ -188,8 +188,8 @@ class _Tunnel(asyncio.Protocol):
             self._other.transport.resume_reading()
 
     async def _connect(self, request: bytes) -> None:
-        port = await self._port()
-        if port is None:
+        address = await self._address()
+        if address is None:
             self.transport.write(
                 b"HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\ncontent-length: 0\r\n\r\n"
             )
@@ -197,24 +197,24 @@ class _Tunnel(asyncio.Protocol):
             return
         try:
             _, other = await asyncio.get_running_loop().create_connection(
-                lambda: _SessionSide(self.transport), "127.0.0.1", port
+                lambda: _SessionSide(self.transport), *address
             )
         except OSError:
             self.transport.close()
             return
-        other.transport.write(_repeated(request, self._channel, port))
+        other.transport.write(_repeated(request, self._channel, address[1]))
         for data in self._waiting:
             other.transport.write(data)
         self._other, self._waiting = other, []
 
-    async def _port(self) -> int | None:
-        """Wait for the session's process. Returns its port, or ``None`` if it has ended or does not start."""
+    async def _address(self) -> tuple[str, int] | None:
+        """Wait for the session's process. Returns address and port of its server; ``None`` if it has ended."""
         for _ in range(int(START_WAIT_S / START_POLL_S)):
             session = self._tunnels.rules.pool.find(self._id)
             if session is None:
                 return None
-            if session.port is not None and session.process.is_alive():
-                return session.port
+            if session.address is not None and session.process.is_alive():
+                return session.address
             await asyncio.sleep(START_POLL_S)
         return None
 

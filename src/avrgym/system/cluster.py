@@ -41,7 +41,7 @@ class _Worker:
 
     def start(self, variables: Mapping[str, str]) -> dict[str, str]:
         os.environ.update(variables)
-        return _versions()
+        return installed_versions()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> tuple[Any, int]:
         """Call a function. Returns its result, and the sum of its progress reports."""
@@ -165,7 +165,7 @@ class Cluster:
             found = ray.get(reference)
         except (RayActorError, WorkerCrashedError):
             return  # the worker ended before its first call; another worker replaces it
-        _check_versions(found)
+        check_versions(found)
         self._idle.append(started.worker)
 
     def _check_idle(self) -> None:
@@ -232,14 +232,16 @@ def _shared_once(arguments: Sequence[tuple[Any, ...]]) -> list[tuple[Any, ...]]:
     return [tuple(ray_reference(each) for each in call) for call in arguments]
 
 
-def _versions() -> dict[str, str]:
+def installed_versions() -> dict[str, str]:
+    """Returns the versions of Python and of the packages in ``VERSION_CHECKED_PACKAGES``."""
     return {"Python": platform.python_version()} | {
         name: importlib.metadata.version(name) for name in VERSION_CHECKED_PACKAGES
     }
 
 
-def _check_versions(found: Mapping[str, str]) -> None:
-    local = _versions()
+def check_versions(found: Mapping[str, str]) -> None:
+    """Raises ``RuntimeError`` if a node has other versions than this computer. ``found``: versions on the node."""
+    local = installed_versions()
     for name, version in found.items():
         if version != local[name]:
             raise RuntimeError(

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
+from avrgym.system.files import private_opener
+
 LOCK_FILE = "training.lock"
 """Name of the locked file. The file is never removed. It contains the id of the last process that locked it."""
 RETRY_INTERVAL_S = 0.1
@@ -21,7 +23,7 @@ def lock_folder(folder: Path, name: str = LOCK_FILE) -> Generator[None]:
         ValueError: if another process has locked the folder, or if its file system does not support locks.
         OSError: if the folder cannot be written.
     """
-    with open(folder / name, "a+") as file:
+    with open(folder / name, "a+", opener=private_opener) as file:
         _lock(file, folder)
         file.truncate(0)
         file.write(f"{os.getpid()}\n")
@@ -36,7 +38,7 @@ def lock_number(path: Path, number: int, wait_s: float) -> Generator[None]:
     ``wait_s``: maximum time in seconds to wait for another process. Raises ``TimeoutError`` after it.
     """
     ends_s = time.monotonic() + wait_s
-    with open(path, "a") as file:
+    with open(path, "a", opener=private_opener) as file:
         while True:
             try:
                 fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, number)

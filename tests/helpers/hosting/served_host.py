@@ -96,7 +96,7 @@ class Served:
         wait_until(lambda: self.stage(token)["type"] == "session", "the session starts")
         session = self.host.pool.session_of(pseudonym)
         assert session is not None
-        wait_until(lambda: session.port, "the session's server starts")
+        wait_until(lambda: session.address, "the session's server starts")
         return session, token
 
     @contextmanager

@@ -17,10 +17,8 @@ from typing import Any
 import sqlalchemy as sa
 import tomlkit
 
-from avrgym.study.checking.preflight import environment_policy_pairs
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import SITE_SPECIFIC_FIELDS
-from avrgym.study.design.languages import text_files
 from avrgym.study.design.validation import read_text
 from avrgym.study.merge.agreement import find_study_differences
 from avrgym.study.merge.source_studies import (
@@ -37,9 +35,7 @@ from avrgym.study.merge.transfer import (
     store_rows,
 )
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.plan.frozen_plan import FROZEN_PLAN_FILE
-from avrgym.study.plan.plan import FILE as PLAN
-from avrgym.study.plan.timestamps import REGISTRATION_FILE, TIME_STAMP_FILE
+from avrgym.study.plan.study_files import study_files
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
 from avrgym.study.storage.database import FILE as DATABASE
@@ -70,7 +66,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
 
     def write(folder: Path) -> None:
         write_private_file(folder / DESIGN, _without_local(read_text(like.folder / DESIGN)))
-        for name in _own_files(like):
+        for name in study_files(like):
             make_private_folder((folder / name).parent)
             shutil.copyfile(like.folder / name, folder / name)
         with Store(folder) as store, store.database.write_transaction() as connection:
@@ -90,24 +86,6 @@ def _without_local(design: str) -> str:
     for name in SITE_SPECIFIC_FIELDS:
         document.pop(name, None)
     return tomlkit.dumps(document)
-
-
-def _own_files(store: Store) -> Iterator[Path]:
-    """Yields the paths of the files that design and plan need, relative to the study's folder."""
-    own = [
-        store.folder / name
-        for name in (
-            PLAN,
-            FROZEN_PLAN_FILE,
-            TIME_STAMP_FILE,
-            REGISTRATION_FILE,
-            *text_files(store.design, store.folder),
-        )
-    ]
-    own += [Path(store.policy_source(*needed)) for needed in environment_policy_pairs(store)]
-    for path in dict.fromkeys(own):
-        if path.is_relative_to(store.folder) and path.is_file():
-            yield path.relative_to(store.folder)
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from avrgym.study.storage.answers import (
 )
 from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_incomplete_attempt
 from avrgym.study.storage.free_text import check_single_line
+from avrgym.study.storage.remote_recordings import fetch_recordings, upload_before_storage
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
 from avrgym.study.storage.session_summary import earlier_headset_s
 from avrgym.study.storage.sessions import (
@@ -242,6 +243,9 @@ class StudyVisit:
             ) from error
 
     def _end(self) -> None:
+        for attempt in self.store.attempts(self.pseudonym):
+            if attempt.session == self.stored.id and attempt.state == "running":
+                upload_before_storage(self.store, attempt.recording, lambda: self.ended_elsewhere)
         if any(
             row.id == self.stored.id and row.state == "open" for row in self.store.sessions(self.pseudonym)
         ):
@@ -323,6 +327,8 @@ def _open_questionnaire(store: Store, pseudonym: str, trials: Sequence[Trial]) -
     if not left:
         return None
     attempt = left[0]
+    if store.is_temporary:
+        fetch_recordings(store, pseudonym)
     number = next(i for i, trial in enumerate(trials, 1) if trial.id == attempt.trial)
     given = {each.item: each.value for each in store.answers(pseudonym) if each.attempt == attempt.id}
     return OpenQuestionnaire(number, attempt.number, store.absolute_path(attempt.recording), given)
@@ -428,6 +434,7 @@ class EventRecorder:
     def _end(self, ended: events.TrialEnded) -> None:
         if self._attempt is None:
             return
+        self._upload(self._attempt)
         seconds = ended.time_s - self._began_s
         metrics = Metrics(ended.steps, ended.reward, ended.success, seconds)
         if ended.result == "completed":
@@ -449,6 +456,9 @@ class EventRecorder:
         attempt = self._attempt.id if self._attempt is not None else None
         record_session_event(self._store, self._session.id, name, detail, attempt)
 
+    def _upload(self, attempt: TrialAttempt) -> None:
+        upload_before_storage(self._store, attempt.recording, lambda: self._watch.ended_elsewhere)
+
     def _answered(self, number: int) -> int:
         """Returns the id of the running attempt, or else of the attempt that completed the trial with this number."""
         if self._attempt is not None:
@@ -456,6 +466,7 @@ class EventRecorder:
         trial = self._trials[number - 1]
         for attempt in self._store.attempts(self._pseudonym):
             if attempt.trial == trial.id and attempt.state == "completed":
+                self._upload(attempt)
                 return attempt.id
         raise StudyError(
             f"trial {number} has no attempt for this answer; allowed: answers about completed trials"

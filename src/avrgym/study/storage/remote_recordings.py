@@ -42,12 +42,14 @@ def fetch_recordings(store: Store, pseudonym: str = "") -> None:
             remote.download(name, store.absolute_path(name))
 
 
-def upload_recording(store: Store, name: str, stopped: Callable[[], bool]) -> None:
-    """Upload the recording ``name`` and its answers. A failed upload is repeated until it succeeds.
+def upload_before_storage(store: Store, name: str, stopped: Callable[[], bool]) -> None:
+    """Upload a recording and its answers, if the study's folder is a temporary copy.
 
-    ``stopped``: function that returns true to stop the repetition. Raises ``StudyError`` in this case.
+    The recording is then safe before its rows are stored. A failed upload is repeated until it succeeds. ``name``: path
+    of the recording, relative to the study's folder. ``stopped``: function that returns true to stop the repetition.
+    Raises ``StudyError`` in this case.
     """
-    while store.object_store is not None:
+    while store.is_temporary and store.object_store is not None:
         try:
             for each in _files(name):
                 if (store.folder / each).is_file():
@@ -57,6 +59,11 @@ def upload_recording(store: Store, name: str, stopped: Callable[[], bool]) -> No
             if stopped():
                 raise
             time.sleep(RETRY_DELAY_S)
+
+
+def object_store_problem(store: Store) -> str:
+    """Returns the error of the latest request to the study's object store; empty without an error."""
+    return "" if store.object_store is None else store.object_store.problem
 
 
 def remove_recordings(store: Store, pseudonym: str) -> None:

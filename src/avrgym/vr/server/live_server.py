@@ -129,6 +129,8 @@ class LiveServer(Generic[S]):
         record: Callable[[S, AuthenticatedClient, Any], None] = lambda session, caller, message: None,
         links: SessionLinks | None = None,
         sounds: Path | None = None,
+        *,
+        behind_proxy: bool = False,
     ) -> None:
         """Bind the port and create the session.
 
@@ -143,12 +145,13 @@ class LiveServer(Generic[S]):
             record: called with the hello of each watcher, and with each of their commands.
             links: links of a study's participants. A participant is disconnected when the link expires.
             sounds: folder of sound files, see ``sound_files``.
+            behind_proxy: another server passes on all connections, and provides TLS.
 
         Raises:
             ServerError: if the client is not built or the port is not available.
         """
         check_client_page("index.html")
-        listener = open_listener(host, port, certificate)
+        listener = open_listener(host, port, certificate, behind_proxy=behind_proxy)
         self.host, self.port = host, int(listener.getsockname()[1])
         self.certificate = certificate
         self.tokens = tokens or Tokens.new()
