@@ -7,9 +7,9 @@ import msgspec
 import pytest
 
 from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
+from avrgym.models.body_names import ARMS
 from avrgym.recording.input_profile import (
     ALLOWED_STOP_INPUTS,
-    ARMS,
     DURATION_RANGES_S,
     POINTING_ARMS,
     InputProfile,

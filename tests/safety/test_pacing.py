@@ -189,3 +189,29 @@ def test_controllers_receive_the_latest_command() -> None:
     assert (seen[0]["slower"], seen[1]["slower"]) == (1.0, 0.0)
     assert (seen[0]["speed_factor"], seen[1]["speed_factor"]) == (0.75, 1.0)
     assert seen[0]["age_s"] < 0.2 < seen[1]["age_s"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("environment", [SCRATCHING, "avrgym/ScratchItchJaco-v1"])
+def test_peak_forces_are_not_higher_than_without_the_layer(environment: str) -> None:
+    """The same 16 people, with and without the layer. They give ``ready`` after 1 s, at half of the speeds."""
+    worlds, peak_n = 16, list[FloatArray]()
+    for applied in (None, rules()):
+        random = [np.random.default_rng(seed) for seed in range(worlds)]
+        episodes = Episodes(environment, worlds, people="participants", num_threads=1, rules=applied)
+        episodes.reset(np.arange(worlds), random)
+        pacing, waited, peaks_n = episodes.control_loop.pacing, np.zeros(worlds), np.zeros(worlds)
+        with registry.open_policy(registry.resolve_policy("revised", environment), episodes, random) as act:
+            for _ in range(150):
+                if pacing is not None:
+                    waited = np.where(pacing.waiting_mask, waited + 1, 0)
+                    episodes.control_loop.apply_command(
+                        "slower", (waited == 5) & (np.arange(worlds) % 2 == 0)
+                    )
+                    episodes.control_loop.apply_command("ready", waited == 10)
+                step = episodes.step(act(episodes.observe()).astype(float))
+                peaks_n = np.maximum(peaks_n, step.force_on_person_n)
+        peak_n.append(peaks_n)
+    higher_n = peak_n[1] - peak_n[0]
+    assert higher_n.mean() < 2.0 * higher_n.std() / np.sqrt(worlds)
+    assert peak_n[0].min() > 0.0

@@ -169,8 +169,9 @@ settings = { bed_height_m = 0.65 }
 def study_of_scenes(folder: Path, scenes: str = SCENES, **changes: str) -> Path:
     values = {"tasks": '["BedBathing"]', "robots": '["PR2"]', "policies": '["low", "high"]'} | changes
     make_study(folder, practice_policy='""', **values)
-    text = (folder / "study.toml").read_text().replace('BedBathing = "Get your right arm washed."\n', "")
-    text = text.replace("\n[settings]\n", "\n[settings]\nbody_mass_kg = 90.0\n")
+    text = (
+        (folder / "study.toml").read_text().replace("\n[settings]\n", "\n[settings]\nbody_mass_kg = 90.0\n")
+    )
     (folder / "study.toml").write_text(text + scenes)
     return folder
 

@@ -51,6 +51,20 @@ def test_impossible_profiles_are_refused(values: dict, words: str) -> None:
         parse_profile(values)
 
 
+def test_an_arm_that_a_task_needs_cannot_be_absent(tmp_path: Path) -> None:
+    armless = InputProfile("head", absent_arms=("right",))
+    fault = "ScratchItch works on the right arm, which is absent; allowed: tasks that need no absent arm"
+    with Store(make_study(tmp_path / "study", tasks='["Feeding", "ScratchItch"]')) as store:
+        with pytest.raises(StudyError, match=fault):
+            enrol_participant(store, "man", input_profile=armless)
+        assert store.participants() == []
+        pseudonym = enrol_with_consent(store)
+        with pytest.raises(StudyError, match=fault):
+            set_input_profile(store, pseudonym, armless)
+        assert store.participant(pseudonym).input_profile is None
+        set_input_profile(store, pseudonym, InputProfile("head", absent_arms=("left",)))
+
+
 @pytest.mark.slow
 def test_commands_enrol_with_a_profile_and_change_it(tmp_path: Path) -> None:
     folder = make_study(tmp_path / "study", tasks='["Feeding"]')

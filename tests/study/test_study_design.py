@@ -145,7 +145,7 @@ def test_blinded_experimenter_sees_letters() -> None:
 def test_goals_furniture_and_reporting_are_checked():
     text = default_design_text()
     design = parse_design(text)
-    assert set(design.goals) == set(design.tasks)
+    assert {*design.goals} == {"Feeding", "Drinking"}
     assert design.furniture == RealFurniture()
     for old, new, words in (
         ("Feeding = ", "Feding = ", "unknown name 'Feding'; allowed: Feeding"),

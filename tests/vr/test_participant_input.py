@@ -61,7 +61,7 @@ def test_the_profile_may_change_during_a_trial(tmp_path: Path) -> None:
     visit = visiting(tmp_path, InputProfile())
     visit.untracked = False
     visit.go_to("trial")
-    profile = InputProfile("one-switch", scan_s=2.0, absent_arms=("right",))
+    profile = InputProfile("one-switch", scan_s=2.0, absent_arms=("left",))
     visit.session.change_input(profile, visit.now_s)
     assert (visit.received(Input)[-1].method, visit.received(Input)[-1].stops) == ("one-switch", ("switch",))
     visit.untracked = True

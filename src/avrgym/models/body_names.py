@@ -1,9 +1,12 @@
 """Names of the two body models and of the tracked body parts."""
 
-from typing import Literal
+from typing import Literal, get_args
 
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
+
+Arm = Literal["left", "right"]
+ARMS: tuple[Arm, ...] = get_args(Arm)
 
 TrackedBodyPart = Literal["head", "left", "right"]
 """A body part with VR tracking: ``head`` (with the trunk), ``left`` arm or ``right`` arm."""

@@ -5,7 +5,7 @@ The stored shapes have the sex's reference torso height. ``assets/human/SOURCE.m
 
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
@@ -19,6 +19,7 @@ from avrgym.geometry import transforms
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.geoms import add_material
 from avrgym.models.human import (
+    ARM_BODIES,
     BODIES,
     GIRTH_EXPONENTS,
     MOUTH_HEIGHT_M,
@@ -145,7 +146,8 @@ def skin_meshes(person: Person, *, open_mouth: bool) -> Iterator[tuple[str, Skin
     for name in SKIN_PARTS:
         drawn, opening = _stored_parts(person.sex)[name]
         vertices = drawn.vertices + (OPEN_MOUTH_SHARE if open_mouth else 0.0) * opening
-        yield name, _stretched(drawn, vertices, person)
+        shape = _stretched(drawn, vertices, person)
+        yield name, _without_arms(shape, person) if person.absent_arms else shape
 
 
 def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMesh:
@@ -170,6 +172,20 @@ def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMes
             )
         )
     return SkinMesh(placed, drawn.uv, drawn.faces, drawn.body_indices, drawn.body_weights)
+
+
+def _without_arms(shape: SkinMesh, person: Person) -> SkinMesh:
+    """Returns a mesh in which absent arms end at the shoulder: their vertices are there, bound to the torso."""
+    joints_w, _ = bind_frames(
+        person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
+    )
+    vertices, indices = shape.vertices, shape.body_indices
+    for arm in person.absent_arms:
+        bound = np.isin(indices, [BODIES.index(name) for name in ARM_BODIES[arm]])
+        weight = np.where(bound, shape.body_weights, 0.0).sum(axis=1, keepdims=True)
+        vertices = vertices + weight * (joints_w[f"{arm}_upper_arm"] - vertices)
+        indices = np.where(bound, BODIES.index("torso"), indices)
+    return replace(shape, vertices=vertices, body_indices=indices)
 
 
 def _girths(person: Person) -> Mapping[str, float]:

@@ -164,7 +164,11 @@ class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
     def start_person(self) -> Person:
         """The person at the start of the episode. Raises ``ValueError`` if the values are outside the limits of the
         body model."""
-        return Person(**msgspec.structs.asdict(self.person), joint_angles_rad=np.array(self.start_rad, float))
+        return Person(
+            **msgspec.structs.asdict(self.person),
+            joint_angles_rad=np.array(self.start_rad, float),
+            absent_arms=self.input_profile.absent_arms,
+        )
 
 
 def configuration_from_metadata(values: Mapping[str, Any]) -> TrialConfiguration:

@@ -7,17 +7,14 @@ scanning). With ``two-switches``, one switch moves the highlight, and the other 
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 import msgspec
 from msgspec import Meta
 
 from avrgym.commands.input_names import InputMethod, StopInput
-from avrgym.models.body_names import TRACKED_BODY_PART_LABELS, TrackedBodyPart
+from avrgym.models.body_names import ARMS, TRACKED_BODY_PART_LABELS, Arm, TrackedBodyPart
 from avrgym.recording.presentation import Presentation
-
-Arm = Literal["left", "right"]
-ARMS: tuple[Arm, ...] = get_args(Arm)
 
 _BOTH: frozenset[Arm] = frozenset(ARMS)
 POINTING_ARMS: Mapping[InputMethod, frozenset[Arm]] = {

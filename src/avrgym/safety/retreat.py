@@ -96,7 +96,8 @@ class Retreat:
         scene = simulation.scene
         first = model.joint(robot.PREFIX + scene.robot.first_moving_joint(scene.arm))
         self._links, self._hand = (_moved_by(model, joint.id) for joint in (first, joints[-1]))
-        self._person = {model.geom(human.PREFIX + name).id for name in human.GEOMS}
+        geoms = [model.geom(human.PREFIX + name).id for name in human.GEOMS]
+        self._person = {geom for geom in geoms if model.geom_contype[geom]}  # an absent arm makes no contact
         self._obstacles = [*self._person, *np.flatnonzero(model.geom_contype == FURNITURE.contype).tolist()]
         self._tool = model.body(SCENE_TOOL_BODY).id
         self._head, self._mouth = (model.site(human.PREFIX + name).id for name in ("head_centre", "mouth"))

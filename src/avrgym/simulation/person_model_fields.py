@@ -1,13 +1,15 @@
 """Model fields of the person. They differ between worlds, because each world has its own person."""
 
+from collections.abc import Collection
 from functools import lru_cache
 
 import numpy as np
 from mujoco.batch import Batch
 
-from avrgym.array_types import FloatArray, IntArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models import compliance, human
-from avrgym.models.human import People, Person
+from avrgym.models.body_names import Arm
+from avrgym.models.human import ARM_BODIES, People, Person
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.model_addresses import actuator_ids
 
@@ -18,6 +20,7 @@ class PersonModelFields:
     def __init__(self, batch: Batch, scene: SceneConfig, moving: bool) -> None:
         model = batch.get_model(0)
         self._posture, self._moving = scene.posture, moving
+        self._batch, self._contact_types, self._has_absent_arms = batch, model.geom_contype.copy(), False
         self._body_mass_kg = scene.body_mass_kg
         self._bodies = {name: model.body(human.PREFIX + name).id for name in human.BODIES}
         self._geoms = {name: model.geom(human.PREFIX + name).id for name in human.GEOMS}
@@ -56,6 +59,16 @@ class PersonModelFields:
             if self._body_mass_kg is not None:
                 kg = np.full(len(ids), self._body_mass_kg)
             self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
+
+    def set_absent_arms(self, arms: Collection[Arm]) -> BoolArray:
+        """Remove the contacts of amputated arms in all worlds. Returns the mask (G,) of their geoms in ``GEOMS``."""
+        names = [name for arm in arms for name in ARM_BODIES[arm]]
+        absent = np.isin([*self._geoms], names)
+        if absent.any() or self._has_absent_arms:
+            geoms = [*self._geoms.values()]
+            self._batch.expand("geom_contype")[:, geoms] = np.where(absent, 0, self._contact_types[geoms])
+        self._has_absent_arms = bool(absent.any())
+        return absent
 
     def make_contacts_compliant(self, ids: IntArray) -> None:
         """Set the compliance of contacts with people in worlds ``ids`` (n,). Call this method after ``set_const``."""

@@ -1,6 +1,6 @@
 """N worlds of one scene, stepped by a physics engine."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import lru_cache
@@ -15,6 +15,7 @@ from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.arrays import constant_like, float_copy, namespace, to_device_of, to_numpy
 from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human, robot
+from avrgym.models.body_names import Arm
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.human import Person
 from avrgym.models.scene import (
@@ -139,6 +140,7 @@ class Simulation:
         """Units of the joint positions in a configuration, see ``kinematics.Chain.units``."""
         self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
+        self._absent_geoms = np.zeros(0, dtype=np.intp)
 
     @property
     def example_array(self) -> Any:
@@ -185,10 +187,15 @@ class Simulation:
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
         self._segment_w[ids] = to_device_of(segment_w, self._segment_w)
 
+    def set_absent_arms(self, arms: Collection[Arm]) -> None:
+        """Remove amputated arms of the people in all worlds. Their geoms are reported at ``REMOVED_PARTICLE_POS_W``."""
+        self._absent_geoms = np.flatnonzero(self._person.set_absent_arms(arms))
+
     def geoms(self, ids: IntArray) -> WorldGeoms:
         """Returns all geoms of worlds ``ids`` (n,)."""
-        host = self._host
-        return WorldGeoms(host.geom_xpos[ids], host.geom_xmat[ids], self._person.geom_size[ids])
+        pos_w = self._host.geom_xpos[ids]
+        pos_w[:, self._names.person_geoms[self._absent_geoms]] = REMOVED_PARTICLE_POS_W
+        return WorldGeoms(pos_w, self._host.geom_xmat[ids], self._person.geom_size[ids])
 
     def set_people_joint_angles(self, ids: IntArray, joint_angles_rad: FloatArray) -> None:
         """Set the joint angles (n, 20) of moving people in worlds ``ids`` (n,), without motion."""
@@ -335,7 +342,7 @@ class Simulation:
             particle_pos_w=now.qpos[:, at.particle_qpos],
             particle_velocity_w=now.qvel[:, at.particle_dof],
             cloth_pos_w=now.qpos[:, at.cloth_qpos],
-            person_segment_w=self._person_segments() if self.moving else float_copy(self._segment_w),
+            person_segment_w=self._person_segments(),
             person_radius_m=float_copy(self._capsule_m[..., 0]),
             robot_force_n=norm(robot_force),
             tool_force_n=norm(tool_force),
@@ -494,7 +501,13 @@ class Simulation:
         return self._now.qpos[:, self._at.person_qpos]
 
     def _person_segments(self) -> FloatArray:
-        return _segments(self._now, self._at.person_geoms, self._capsule_m[..., 1:])
+        if not self.moving:
+            segment_w = float_copy(self._segment_w)
+        else:
+            segment_w = _segments(self._now, self._at.person_geoms, self._capsule_m[..., 1:])
+        if len(self._absent_geoms):
+            segment_w[:, self._absent_geoms] = constant_like(REMOVED_PARTICLE_POS_W, segment_w)
+        return segment_w
 
 
 def _segments(

@@ -111,6 +111,8 @@ class Episodes:
             raise ValueError(
                 f"withdraw_after_success is not possible with engine {engine!r}; allowed: {THREADS}"
             )
+        if person is not None and person.absent_arms and engine != THREADS:
+            raise ValueError(f"absent_arms is not possible with engine {engine!r}; allowed: {THREADS}")
         if force_guard and on_device:
             raise ValueError(
                 f"force_guard is not possible on a device; set on_device=False, or use engine {THREADS!r}"
@@ -178,6 +180,8 @@ class Episodes:
             engine=engine,
             on_device=on_device,
         )
+        if person is not None:
+            self.simulation.set_absent_arms(person.absent_arms)
         self._clearance = StartClearanceChecker(
             self.simulation.model,
             base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
@@ -233,6 +237,7 @@ class Episodes:
     def set_person(self, person: Person) -> None:
         """Use a fixed person in all following episodes."""
         self._people.person = person
+        self.simulation.set_absent_arms(person.absent_arms)
 
     def reset(self, ids: IntArray, generators: Sequence[np.random.Generator]) -> FloatArray:
         """Start episodes in worlds ``ids`` (n,), each sampled with its generator. Returns observations (n, O).
@@ -514,4 +519,5 @@ class Episodes:
 
     def person_of_world(self, world: int) -> Person:
         """Returns the person of a world's current episode."""
-        return self.people.person_at(world)
+        person, fixed = self.people.person_at(world), self._people.person
+        return person if fixed is None else replace(person, absent_arms=fixed.absent_arms)

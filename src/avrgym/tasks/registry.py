@@ -3,11 +3,12 @@
 Plug-ins register tasks in the entry-point group ``avrgym.tasks``.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import lru_cache
 
 import msgspec
 
+from avrgym.models.body_names import Arm
 from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
@@ -150,6 +151,21 @@ def task_goal(name: str, settings: Settings) -> str:
     """Returns the goal of a task, for the served arm in the settings."""
     task = TASKS[name]
     return task.goal if settings.served_arm in (None, task.served_arm) else goal_for_other_arm(task.goal)
+
+
+def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Collection[Arm]) -> str:
+    """Returns which task cannot take place with ``absent_arms``, as an error message; empty if all tasks can.
+
+    ``tasks``: names of tasks with the settings of their scenes.
+    """
+    for name, settings in tasks:
+        arm = TASKS[name].served_arm and (settings.served_arm or TASKS[name].served_arm)
+        if arm in absent_arms:
+            return (
+                f"{name} works on the {arm} arm, which is absent; allowed: tasks that need no absent arm, or "
+                "served_arm in [settings] with a policy trained for it"
+            )
+    return ""
 
 
 def instruction(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> str:

@@ -15,6 +15,7 @@ from avrgym.models.human.anthropometry import (
     Proportions,
 )
 from avrgym.models.human.frames import (
+    ARM_BODIES,
     BODIES,
     BODY_FROM_DEVICE_AXES,
     CRANIUM_RADIUS_M,
@@ -50,6 +51,7 @@ from avrgym.models.human.model import PREFIX, add_person, person_model, use_spee
 from avrgym.models.human.person import SKIN_TONES, People, Person, as_person
 
 __all__ = [
+    "ARM_BODIES",
     "BODIES",
     "BODY_FROM_DEVICE_AXES",
     "CRANIUM_RADIUS_M",

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import namespace_and_floats
-from avrgym.models.body_names import SEXES, Sex
+from avrgym.models.body_names import ARMS, SEXES, Arm, Sex
 from avrgym.models.human.anthropometry import (
     ARM_SCALE_RANGE,
     BMI_RANGE_KG_M2,
@@ -40,6 +40,8 @@ class Person:
         arm_scale: length of upper arms and forearms relative to the average for this torso height.
         stature_m, bmi_kg_m2: stature and body mass index, which determine radii and mass; ``None``: those of the
             paper's man or woman.
+        absent_arms: amputated arms. They make no contact and are not drawn. Their joints stay in the model, so
+            observations contain the pose of these joints.
 
     Raises:
         ValueError: for a value out of range.
@@ -52,6 +54,7 @@ class Person:
     arm_scale: float = 1.0
     stature_m: float | None = None
     bmi_kg_m2: float | None = None
+    absent_arms: tuple[Arm, ...] = ()
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:
@@ -60,6 +63,8 @@ class Person:
             raise ValueError(f"unknown skin tone {self.skin_tone!r}; allowed: {', '.join(SKIN_TONES)}")
         check_torso_height(self.torso_height_m)
         check_arm_scale(self.arm_scale)
+        if not {*self.absent_arms} <= {*ARMS}:
+            raise ValueError(f"absent_arms is {self.absent_arms!r}; allowed: {', '.join(ARMS)}")
         if (self.stature_m is None) != (self.bmi_kg_m2 is None):
             raise ValueError(
                 f"stature_m is {self.stature_m} and bmi_kg_m2 is {self.bmi_kg_m2}; allowed: numbers for both, or "

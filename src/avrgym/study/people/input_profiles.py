@@ -1,14 +1,17 @@
 """Store input profiles: how a participant selects items and stops the robot."""
 
 from collections.abc import Mapping
+from itertools import product
 from typing import Any
 
 import msgspec
 
 from avrgym.recording.input_profile import InputProfile, InputProfileError, profile_from_table
+from avrgym.study.design.design import Design
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, record_event
+from avrgym.tasks.registry import describe_missing_arm
 
 
 def parse_profile(values: Mapping[str, Any]) -> InputProfile:
@@ -19,10 +22,23 @@ def parse_profile(values: Mapping[str, Any]) -> InputProfile:
         raise StudyError(str(error)) from None
 
 
+def check_needed_arms(design: Design, profile: InputProfile | None) -> None:
+    """Raise ``StudyError`` if a task of the design works on an absent arm of the profile."""
+    conditions = [design.settings_of_condition(name) for name in design.policies]
+    fault = describe_missing_arm(product(design.tasks, conditions), profile.absent_arms if profile else ())
+    if fault:
+        raise StudyError(fault)
+
+
 def set_input_profile(
     store: Store, pseudonym: str, profile: InputProfile, session: int | None = None
 ) -> None:
-    """Store a participant's input profile. It replaces the earlier one. ``session``: the id of the running session."""
+    """Store a participant's input profile. It replaces the earlier one. ``session``: the id of the running session.
+
+    Raises:
+        StudyError: for an unknown participant, or if a task of the study works on an absent arm.
+    """
+    check_needed_arms(store.design, profile)
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         values = msgspec.to_builtins(profile)

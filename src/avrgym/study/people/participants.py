@@ -20,6 +20,7 @@ from avrgym.study.people.consents import (
     store_consent,
 )
 from avrgym.study.people.identities import check_duplicate_enrolment
+from avrgym.study.people.input_profiles import check_needed_arms
 from avrgym.study.storage import hash_chain, identity_file, schema
 from avrgym.study.storage.data_loss import PARTICIPATION_CONFIRMED_EVENT
 from avrgym.study.storage.free_text import check_note, check_single_line
@@ -72,7 +73,7 @@ def enrol_participant(
     Raises:
         PossibleDuplicateError: if the person may be enrolled already, unless ``confirm_duplicate``.
         StudyError: for an unknown body model or language, an impossible age, or an invalid name, contact or site. Also
-            for a simulated participant with a name or contact.
+            for a simulated participant with a name or contact, or if a task works on an absent arm of the profile.
         KeyUnavailableError: if a name or contact is given, and the key of the identity file is missing.
     """
     if sex not in SEXES:
@@ -84,6 +85,7 @@ def enrol_participant(
         raise StudyError(f"unknown language {language!r}; allowed in this study: {', '.join(languages)}")
     if simulated and (name or contact):
         raise StudyError("a simulated participant cannot have a name or contact; leave both empty")
+    check_needed_arms(store.design, input_profile)
     _check_identity(name, contact)
     if site and not NAME_PATTERN.fullmatch(site):
         raise StudyError(f"{site!r} is not a valid site; allowed: at most 40 letters, digits, - and _")

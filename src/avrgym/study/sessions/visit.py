@@ -20,7 +20,7 @@ from avrgym.study.checking.policy_files import policy_files
 from avrgym.study.checking.preflight import load_study_policy
 from avrgym.study.people.consents import latest_consent
 from avrgym.study.people.furniture import furniture_of, record_furniture
-from avrgym.study.people.input_profiles import set_input_profile
+from avrgym.study.people.input_profiles import check_needed_arms, set_input_profile
 from avrgym.study.people.participants import participant_texts, withdraw
 from avrgym.study.people.preferences import preferences_of, record_preferences, trial_rules
 from avrgym.study.sessions.links import language_message
@@ -200,7 +200,12 @@ class StudyVisit:
         return self.storing.submit(lambda: record_session_event(self.store, self.stored.id, name, detail))
 
     def change_input(self, profile: InputProfile, session: Session | None, now_s: float) -> Future[None]:
-        """Change the participant's input profile in this and later sessions. Returns a future for its storage."""
+        """Change the participant's input profile in this and later sessions. Returns a future for its storage.
+
+        Raises:
+            StudyError: if a task of the study works on an absent arm. Nothing changes then.
+        """
+        check_needed_arms(self.store.design, profile)
         if session is None:
             self.input.profile = profile
         else:

@@ -8,10 +8,10 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
+from avrgym.models.body_names import Arm
 from avrgym.models.human import Person
 from avrgym.models.scene import DEFAULT_SUBSTEPS, SceneConfig
 from avrgym.policies.registry import ActionFunction
-from avrgym.recording.input_profile import Arm
 from avrgym.safety.force_guard import ForceGuard
 from avrgym.safety.pacing import PacingLayer
 from avrgym.safety.retreat import Retreat

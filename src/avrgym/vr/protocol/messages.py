@@ -16,12 +16,12 @@ from avrgym.commands.input_names import InputMethod as InputMethod
 from avrgym.commands.input_names import StopInput as StopInput
 from avrgym.commands.vocabulary import ClientSource, CommandSource, OtherPersonSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
+from avrgym.models.body_names import Arm as Arm
 from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.furniture.real_furniture import FurniturePoint as FurniturePoint
 from avrgym.models.human import Sex
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.recording import schema
-from avrgym.recording.input_profile import Arm as Arm
 from avrgym.recording.input_profile import InputProfile
 from avrgym.recording.presentation import Contrast as Contrast
 from avrgym.recording.presentation import PanelPosition as PanelPosition

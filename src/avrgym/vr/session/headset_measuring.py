@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.models.body_names import ARMS, Arm
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
-from avrgym.recording.input_profile import ARMS, Arm
 from avrgym.recording.schema import Latency
 from avrgym.vr.latency import percentiles_ms
 from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRPose

@@ -5,7 +5,8 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import ParamSpec, Self, TypeVar
 
-from avrgym.models.human import Person, Sex
+from avrgym.models.body_names import Arm, Sex
+from avrgym.models.human import Person
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
 
@@ -21,11 +22,12 @@ class BodyKey:
     torso_height_m: float
     skin_tone: str
     arm_scale: float
+    absent_arms: tuple[Arm, ...] = ()
 
     @classmethod
     def from_person(cls, person: Person) -> Self:
         """Returns the key of a person."""
-        return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale)
+        return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale, person.absent_arms)
 
 
 @dataclass(frozen=True)

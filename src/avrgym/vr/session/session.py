@@ -12,10 +12,10 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from avrgym.models import human
-from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
+from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import Person
 from avrgym.questionnaires.stop_rules import StopDecision
-from avrgym.recording.input_profile import ARMS, InputProfile
+from avrgym.recording.input_profile import InputProfile
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
@@ -87,7 +87,9 @@ class Session:
         """
         left = plan.open_questionnaire
         trial = (plan.first_trial if left is None else left.trial_number) - 1
-        person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height)
+        participant_input = participant_input or ParticipantInput(plan.input_profile)
+        absent_arms = participant_input.profile.absent_arms
+        person = Person(plan.sex, human.PROPORTIONS[plan.sex].torso_height, absent_arms=absent_arms)
         worlds = TrialWorlds(
             plan, trial, person, workers or ImmediateExecutor(), [] if scenes is None else scenes
         )
@@ -95,7 +97,6 @@ class Session:
         storage = AttemptStorage(folder, sink)
         drivers = TrialDrivers(policies, background=workers is not None)
         versions()  # this reads files the first time, which must not delay a tick
-        participant_input = participant_input or ParticipantInput(plan.input_profile)
         self._state = SessionState(
             plan, drivers, identifier, send, sink, storage, worlds, trial, person, participant_input,
             headset_time or HeadsetTime(plan.session_rules),

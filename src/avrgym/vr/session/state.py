@@ -20,6 +20,7 @@ from avrgym.recording.reader import RecordingError
 from avrgym.recording.schema import AttemptEnd
 from avrgym.safety.force_guard import INTERVENTION_EVENT, RELEASE_EVENT
 from avrgym.safety.withdrawal import WITHDRAWAL_EVENT
+from avrgym.tasks.registry import describe_missing_arm, find_environment
 from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.latency import has_all_stages, percentiles_ms
 from avrgym.vr.live_world.drivers import Driver, OperatorDriver
@@ -301,6 +302,7 @@ class SessionState:
         """
         try:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
+            chosen = replace(chosen, absent_arms=self.person.absent_arms)
         except ValueError as error:
             if by == "participant":
                 self.explain_rejection(ParticipantText("no_such_body"))
@@ -337,8 +339,18 @@ class SessionState:
         self.event_sink.report(events.PreferencesChanged(self.now_s, self.current_trial.rules.preferences))
 
     def change_input(self, profile: InputProfile) -> None:
-        """Change how the participant selects and stops, from now on."""
+        """Change how the participant selects and stops, from now on. The next world has the profile's arms.
+
+        A profile without an arm that a remaining task needs is reported and changes nothing.
+        """
+        remaining = self.plan.trials[self.trial_index :]
+        tasks = [(find_environment(each.environment)[0], self.plan.settings_of(each)) for each in remaining]
+        fault = describe_missing_arm(tasks, profile.absent_arms)
+        if fault:
+            self.report_problem(fault)
+            return
         self.participant_input.profile = profile
+        self.person = replace(self.person, absent_arms=profile.absent_arms)
         self.record_event("input_changed", profile.describe())
         self.event_sink.report(events.InputChanged(self.now_s, profile))
         self.send(self.participant_input.profile_message())

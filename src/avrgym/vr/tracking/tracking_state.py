@@ -8,9 +8,9 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
+from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, Arm, TrackedBodyPart
 from avrgym.models.human import SEATED, Person, Posture
-from avrgym.recording.input_profile import ARMS, DEFAULT_INPUT_PROFILE, Arm, InputProfile
+from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, XRPose
 from avrgym.vr.protocol.webxr import Registration, head_pose, registration_from_head

@@ -10,8 +10,8 @@ from typing import ClassVar, Self
 import msgspec
 
 from avrgym.commands.preferences import describe_preferences
+from avrgym.models.body_names import ARMS
 from avrgym.questionnaires.questionnaire import translate_items
-from avrgym.recording.input_profile import ARMS
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol import messages
