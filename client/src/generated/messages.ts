@@ -26,13 +26,13 @@ export type OtherPersonSource = "caregiver" | "experimenter";
 
 export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
+export type Arm = "left" | "right";
+
 export type TrackedBodyPart = "head" | "left" | "right";
 
 export type FurniturePoint = "front" | "rear" | "top";
 
 export type Sex = "man" | "woman";
-
-export type Arm = "left" | "right";
 
 export type Contrast = "high" | "normal";
 
@@ -171,7 +171,7 @@ export interface Left {
   type: "left";
 }
 
-/** The participant confirmed with a trigger in a phase that waits for it. */
+/** The participant pressed the trigger to confirm, in a phase that waits for this. */
 export interface Ready {
   type: "ready";
 }
@@ -237,7 +237,7 @@ export interface Back {
   type: "back";
 }
 
-/** The body model to use. A change of the sex requires a new calibration. */
+/** The participant's choice of a body model. A change of the sex requires a new calibration. */
 export interface ChooseBody {
   type: "choose_body";
   sex: Sex;
@@ -297,7 +297,7 @@ export interface CorrectTorsoHeight {
   torso_height_m: number;
 }
 
-/** The body model to use, chosen by the experimenter. */
+/** The experimenter's choice of the participant's body model. */
 export interface ChooseParticipantBody {
   type: "choose_body";
   sex: Sex;
