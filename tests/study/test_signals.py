@@ -20,7 +20,10 @@ from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.system.processes import AVRGYM, kill_with_parent, running_server
 from helpers.vr.time_limits import command_with_limits
 
-IMPATIENT = ("avrgym.study.storage.sqlite:LOCK_TIMEOUT_S=4", "avrgym.study.sessions.visit:SESSION_END_TIMEOUT_S=2")
+IMPATIENT = (
+    "avrgym.study.storage.sqlite:LOCK_TIMEOUT_S=4",
+    "avrgym.study.sessions.visit:SESSION_END_TIMEOUT_S=2",
+)
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PATIENCE_S = 60.0
 
