@@ -46,11 +46,12 @@ client-test: $(CLIENT) ## the client's tests
 	cd client && npm test
 
 soak: setup ## crashes and sessions of up to an hour: no data loss, constant memory
-	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py,$(wildcard tests/soak/*.py))
+	.venv/bin/python -m pytest -s $(filter-out tests/soak/soak_cluster.py tests/soak/soak_host_cluster.py,$(wildcard tests/soak/*.py))
 
 test-engines: setup $(DONE)/gpu $(DONE)/cluster ## tests of MuJoCo Warp and Ray; compiles kernels for half an hour
 	OMP_NUM_THREADS=1 .venv/bin/python -m pytest tests/simulation/test_engines.py tests/learning/test_on_device.py tests/engines/*.py
-	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/soak/soak_cluster.py
+	.venv/bin/python -m pytest -s tests/learning/test_cluster.py tests/hosting/test_host_cluster.py tests/soak/soak_cluster.py \
+		tests/soak/soak_host_cluster.py
 	.venv/bin/python -m pytest tests/cli/test_examples.py -k 'rllib or torchrl'
 
 setup: $(DONE)/test $(DONE)/chromium $(DONE)/postgresql $(CLIENT) ## install everything for development and training

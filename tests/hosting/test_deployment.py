@@ -2,6 +2,7 @@
 
 import os
 import re
+import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
@@ -10,11 +11,13 @@ from typing import Any
 import pytest
 import typer
 import yaml
+from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE, database_url
 from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE, open_object_store
 from avrgym.vr.server.addresses import DEFAULT_PORT
+from helpers.studies.small_studies import small_study
 from helpers.system.paths import ROOT
 
 DEPLOY = ROOT / "deploy"
@@ -88,6 +91,16 @@ def test_the_image_has_the_extras_of_the_services() -> None:
     known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     installed = [each for extra in extras.split(",") for each in known[extra]]
     assert {"sqlalchemy", "psycopg", "boto3"} <= {re.split(r"[\[>=]", each)[0] for each in installed}
+
+
+def test_a_cluster_without_its_extra_names_the_installation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    monkeypatch.delitem(sys.modules, "avrgym.system.cluster", raising=False)
+    result = CliRunner().invoke(app, ["host", str(small_study(tmp_path / "study")), "--cluster", "local"])
+    assert result.exit_code == 1
+    assert "ray is missing; run `pip install 'avrgym[cluster]'`" in result.output
 
 
 def published(service: dict[str, Any]) -> str:

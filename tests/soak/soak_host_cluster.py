@@ -1,7 +1,7 @@
-"""Participants of a study whose sessions run on the nodes of a Ray cluster, while workers and nodes are killed.
+"""Participants of a study whose sessions run on the nodes of a Ray cluster, while workers and a node are killed.
 
 Needs Ray, which ``make test-engines`` installs, and a PostgreSQL server. Run it with other numbers:
-``python tests/soak/soak_host_cluster.py PARTICIPANTS WORKERS_KILLED NODES_KILLED``.
+``python tests/soak/soak_host_cluster.py PARTICIPANTS WORKERS_KILLED NODES_KILLED`` with 0 or 1 node.
 """
 
 import json
@@ -9,8 +9,6 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,46 +20,29 @@ pytest.importorskip("ray", reason="Ray is an extra")
 
 from avrgym.hosting.cluster import RayNode, RayNodes
 from avrgym.hosting.session_pool import HostedSession
-from avrgym.study.storage.database import DATABASE_URL_VARIABLE
 from avrgym.system.cluster import connect
 from helpers.hosting.hosted_participants import host_participants
-from helpers.learning.ray_nodes import add_node, kill_node, ray_nodes
-from helpers.studies.object_store_server import object_store_server, set_object_store
-from helpers.studies.small_studies import new_postgresql_database, postgresql_programs, postgresql_server
-from helpers.system.processes import free_port
+from helpers.hosting.services import database_and_object_store
+from helpers.learning.ray_nodes import kill_node_named, ray_nodes
+from helpers.studies.small_studies import postgresql_programs
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray closes its processes and files at shutdown
 
 
 @pytest.mark.skipif(postgresql_programs() is None, reason="PostgreSQL's server is not installed")
 def test_participants_on_two_nodes_with_killed_workers_and_nodes(tmp_path: Path) -> None:
-    figures = host_on_cluster(tmp_path / "study", participants=4, workers=2, nodes=2)
+    figures = host_on_cluster(tmp_path / "study", participants=4, workers=2, nodes=1)
     print(json.dumps(figures, indent=2))
     assert figures["completed"] == 4
-    assert (figures["killed"], figures["nodes_killed"]) == (4, 2)
+    assert (figures["killed"], figures["nodes_killed"]) == (3, 1)
     assert figures["lost_trials"] == 0
     assert figures["faults"] == []
 
 
-@contextmanager
-def services() -> Iterator[None]:
-    """Run a database and an object store, and set the environment variables with their addresses."""
-    programs, port = postgresql_programs(), free_port()
-    assert programs is not None, "PostgreSQL's server is not installed"
-    with (
-        postgresql_server(programs) as server,
-        object_store_server(port),
-        pytest.MonkeyPatch.context() as patch,
-    ):
-        patch.setenv(DATABASE_URL_VARIABLE, new_postgresql_database(server))
-        set_object_store(patch, port)
-        yield
-
-
 def host_on_cluster(folder: Path, participants: int, workers: int, nodes: int) -> dict[str, Any]:
-    """Host a study on a cluster of two nodes. Kill processes of sessions, then nodes. Returns figures."""
+    """Host a study on a cluster of two nodes. Kill processes of sessions, then 0 or 1 node. Returns figures."""
     killed_nodes: list[str] = []
-    with services(), ray_nodes(1, 1) as cluster, connect(cluster.address) as connected:
+    with database_and_object_store(), ray_nodes(1, 1) as cluster, connect(cluster.address) as connected:
 
         def kill(session: HostedSession) -> None:
             if workers > len(killed_workers):
@@ -70,10 +51,7 @@ def host_on_cluster(folder: Path, participants: int, workers: int, nodes: int) -
                 return
             assert isinstance(session.computer, RayNode)
             killed_nodes.append(session.computer.name)
-            node = next(each for each in cluster.worker_nodes if each.node_id == session.computer.name)
-            kill_node(node)
-            cluster.worker_nodes.remove(node)
-            add_node(cluster, 1)
+            kill_node_named(cluster, session.computer.name)
 
         killed_workers: list[str] = []
         figures = host_participants(

@@ -1,5 +1,6 @@
 """The command ``avrgym host``."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,9 +69,10 @@ def host(
     with report_errors():
         unlock_identity_file(study)
         with (
-            Store(study) as store,
-            log_start_and_end(store, "start host", "stop host"),
             cluster_connection(cluster, None) as connected,
+            Store(study) as store,
+            nullcontext(_nodes(store, connected)) as computers,
+            log_start_and_end(store, "start host", "stop host"),
             Host(
                 store,
                 address=address,
@@ -79,7 +81,7 @@ def host(
                 experimenter_port=experimenter_port,
                 max_sessions=sessions,
                 proxies=tuple(proxy or ()),
-                computers=_nodes(store, connected),
+                computers=computers,
             ) as running,
         ):
             print_line("Participants: the links of")

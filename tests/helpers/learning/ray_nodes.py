@@ -50,6 +50,13 @@ def kill_node(node: Any) -> None:
     node.kill_raylet(check_alive=False)
 
 
+def kill_node_named(nodes: Any, name: str) -> None:
+    """Kill the node with this id."""
+    node = next(each for each in nodes.worker_nodes if each.node_id == name)
+    kill_node(node)
+    nodes.worker_nodes.remove(node)
+
+
 def assert_same_training(out: Path, expected: Path) -> None:
     """Assert that the checkpoints of two trainings are bit-identical."""
     import torch
