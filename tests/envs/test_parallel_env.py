@@ -86,6 +86,15 @@ def test_the_action_drives_the_joints_that_the_task_offers_and_no_others(environ
     assert_allclose(moved[others], 0.0, atol=0.002)
 
 
+@pytest.mark.parametrize(("environment", "arm"), [(SCRATCHING, "right"), ("avrgym/DressingJaco-v1", "left")])
+def test_people_observe_the_arm_that_they_offer(environment, arm):
+    env = avrgym.parallel_env(environment)
+    seen, _ = env.reset(seed=1)
+    arm_w = getattr(env.episodes.simulation.arm_poses(), f"{arm}_arm_pos_w")[0]
+    from_hips = np.linalg.norm(arm_w - env.episodes.simulation.hips_pose()[0], axis=-1)
+    assert_allclose(np.linalg.norm(seen[HUMAN_AGENT][-11:-2].reshape(3, 3), axis=-1), from_hips, rtol=1e-5)
+
+
 def test_no_action_drives_a_joint_where_it_cannot_go():
     env = avrgym.parallel_env(FEEDING, impairment="limits")
     env.reset(seed=1)

@@ -26,8 +26,8 @@ class PersonInputs:
     """The values from which N human observations are computed; world frame, metres, radians, newtons.
 
     Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each entry of
-    ``HumanObserver.goals``. ``joint_angles_rad`` is (N, 20). ``right_arm_pos_w`` (N, 3, 3) are shoulder, elbow and
-    wrist. ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
+    ``HumanObserver.goals``. ``joint_angles_rad`` is (N, 20). ``arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist
+    of the offered arm. ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
     """
 
     hips_pos_w: FloatArray
@@ -36,7 +36,7 @@ class PersonInputs:
     tool_q_w: FloatArray
     tool_from_goals_w: Sequence[FloatArray]
     joint_angles_rad: FloatArray
-    right_arm_pos_w: FloatArray
+    arm_pos_w: FloatArray
     head_pos_w: FloatArray
     head_q_w: FloatArray
     total_force_n: FloatArray
@@ -51,16 +51,16 @@ class HumanObserver:
     - position (3) and quaternion (4) of the tool;
     - position of the tool relative to its goal (3), if the robot observes it;
     - all 20 joint angles;
-    - if the right arm is offered, positions of shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4)
+    - if an arm is offered, positions of its shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4)
       of the head;
     - the force of robot and tool (1), and the force of the tool (1).
     """
 
     def __init__(self, offered: OfferedBodyPart, observation: Observation) -> None:
         """Define the entries for an offered body part and the robot's observation."""
-        self._arm = offered == "arm"
+        self._offered = offered
         self.goal_entries = [entry for entry in observation.entries if entry.scale is not None]
-        body = [MAX_DISTANCE_M] * 9 if self._arm else [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4
+        body = [MAX_DISTANCE_M] * 9 if self._is_arm else [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4
         goals = [MAX_DISTANCE_M] * sum(entry.size for entry in self.goal_entries)
         tool, angles = [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4, [MAX_ANGLE_RAD] * len(JOINTS)
         self.bound = np.array(tool + goals + angles + body + [MAX_FORCE_N] * 2)
@@ -70,6 +70,10 @@ class HumanObserver:
             [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
         )
         """Fixed scales (O,), NaN without a scale, as in ``Observation``."""
+
+    @property
+    def _is_arm(self) -> bool:
+        return self._offered in ("arm", "left_arm")
 
     @property
     def size(self) -> int:
@@ -92,8 +96,8 @@ class HumanObserver:
 
     def _body(self, inputs: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
         """Returns the entries of the offered body part, in the frame of the hips."""
-        if self._arm:
-            offset = inputs.right_arm_pos_w - inputs.hips_pos_w[:, None]
+        if self._is_arm:
+            offset = inputs.arm_pos_w - inputs.hips_pos_w[:, None]
             return [transforms.rotate(turned_back[:, None], offset)]
         head = transforms.rotate(turned_back, inputs.head_pos_w - inputs.hips_pos_w)
         return [head, transforms.multiply(turned_back, inputs.head_q_w)]
@@ -109,7 +113,7 @@ class HumanObserver:
             tool_q_w=state.tool_q_w,
             tool_from_goals_w=[entry.compute(state, task_state) for entry in self.goal_entries],
             joint_angles_rad=simulation.person_joint_angles_rad(),
-            right_arm_pos_w=state.right_arm_pos_w,
+            arm_pos_w=state.left_arm_pos_w if self._offered == "left_arm" else state.right_arm_pos_w,
             head_pos_w=state.head_pos_w,
             head_q_w=state.head_q_w,
             total_force_n=state.total_force_n,

@@ -16,6 +16,7 @@ from avrgym.array_types import FloatArray
 from avrgym.commands.vocabulary import CommandSource
 from avrgym.geometry import transforms
 from avrgym.models import human
+from avrgym.models.body_names import Arm
 from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_POSE_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SCENE_TOOL_BODY
@@ -318,7 +319,9 @@ class SimulatedParticipant:
             tool_from_goals_w=marked
             or [entry.compute(cast("Any", observation), None) for entry in self._view.goal_entries],
             joint_angles_rad=self._held_rad[None],
-            right_arm_pos_w=observation.right_arm_pos_w,
+            arm_pos_w=_arm_pos_w(bodies, "left")
+            if self._offered == "left_arm"
+            else observation.right_arm_pos_w,
             head_pos_w=np.atleast_2d(observation.head_pos_w),
             head_q_w=head[None, 3:],
             total_force_n=np.zeros(1),
@@ -335,8 +338,9 @@ class SimulatedParticipant:
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
         )
-        arm = np.stack([bodies[human.PREFIX + part][:3] for part in human.RIGHT_ARM_BODIES])
-        return _Observation(bodies[SCENE_TOOL_BODY][None, :3], head_centre, mouth, arm[None])
+        return _Observation(
+            bodies[SCENE_TOOL_BODY][None, :3], head_centre, mouth, _arm_pos_w(bodies, "right")
+        )
 
     def tracking_frame(self, time_s: float, *, moving: bool, watching: bool = False) -> Tracking:
         """Returns the tracking frame at a time.
@@ -454,3 +458,8 @@ class SimulatedParticipant:
             self._data.site(human.PREFIX + site).xpos.copy(),
             self._data.body(human.PREFIX + body).xquat.copy(),
         )
+
+
+def _arm_pos_w(bodies: Mapping[str, FloatArray], arm: Arm) -> FloatArray:
+    """Returns the positions (1, 3, 3) of shoulder, elbow and wrist, from the poses (7,) of bodies by name."""
+    return np.stack([bodies[human.PREFIX + part][:3] for part in human.ARM_BODIES[arm]])[None]
