@@ -53,6 +53,7 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
             attended.send(MarkPoint("front"))
             assert "no controller is tracked" in attended.problems[-1]
             attended.go_to("calibration")
+            attended.session._state.set_torso_height(0.55)
             points: tuple[tuple[FurniturePoint, float, float], ...] = (
                 ("front", 0.5, 0.0), ("rear", 0.44, 0.4), ("top", 1.0, 0.5),
             )  # fmt: skip
@@ -65,6 +66,7 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
                         assert attended.session.plan.furniture == store.design.furniture
                 if top_m < 1.0:
                     assert "the points do not measure a seat" in attended.problems[-1]
+            assert not attended.session._state.torso_height_known
             assert (
                 "measured: 0.5 m high, 0.404 m deep, back at 79.9°, tilted by 8.5°" in attended.problems[-1]
             )

@@ -20,6 +20,7 @@ from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from
 from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
 from avrgym.vr.tracking.calibration import measure_torso_height
 from avrgym.vr.tracking.frames import TrackingFeed
+from avrgym.vr.tracking.tracking_state import TrackingState
 
 POSTURES = (SEATED, RECLINED)
 ROOM = Registration(np.array([0.4, -0.2, 0.0]), 2.0)
@@ -71,6 +72,21 @@ def test_tilt_and_headrest_do_not_change_the_torso_height(
         raised_m = centre_m - float(head_pose(Registration(np.zeros(3), 0.0), head).pos_w[2])
         head = headset(Person("woman", height_m), posture, raised_m)
         assert measure_torso_height("woman", posture, head, real) == pytest.approx(height_m)
+
+
+def test_a_headrest_puts_the_seat_behind_the_head() -> None:
+    """The virtual seat stays at the real one: the resting head is in front of its usual place, also after a change of
+    the body."""
+    person, tracking = Person("woman", 0.56), TrackingState()
+    for real in (VIRTUAL, RealFurniture(headrest_m=0.08, seat_back_deg=80.0)):
+        tracking.place_seat(headset(person, SEATED), person, SEATED, real)
+        for body in (person, Person("woman", 0.5)):
+            tracking.update_location(body)
+            assert tracking.registration is not None
+            head_w = head_pose(tracking.registration, headset(person, SEATED)).pos_w
+            forward_m = real.headrest_m * np.sin(np.radians(80.0))
+            expected = resting_head_centre(body, SEATED) - [0.0, forward_m, 0.0]
+            np.testing.assert_allclose(head_w, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("seated", [True, False])

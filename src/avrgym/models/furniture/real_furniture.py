@@ -70,6 +70,10 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         """Returns the height in metres by which the headrest lifts the head; 0 for an upright back."""
         return self.headrest_m * cos(radians(self.backrest_deg(posture)))
 
+    def head_forward_m(self, posture: Posture) -> float:
+        """Returns the horizontal distance in metres by which the headrest moves the head forward."""
+        return self.headrest_m * sin(radians(self.backrest_deg(posture)))
+
     def describe(self, *, seated: bool) -> str:
         """Returns the measures of the seat, or of the mattress, in one line of English."""
         if not seated:

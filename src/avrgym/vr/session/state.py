@@ -179,7 +179,9 @@ class SessionState:
         frame = self.tracking.add_frame(tracking, self.now_s)
         if frame.is_usable and self.tracking.registration is None:
             assert tracking.head is not None
-            self.tracking.place_seat(tracking.head, self.person, self.world.scene_config.posture)
+            self.tracking.place_seat(
+                tracking.head, self.person, self.world.scene_config.posture, self.plan.furniture
+            )
             self.send_changed_scene()
 
     def send_world_motion(self, send: SendMessage) -> None:
@@ -288,7 +290,7 @@ class SessionState:
             )
             return
         self.plan = replace(self.plan, furniture=furniture)
-        self.height_known = False
+        self.torso_height_known = False
         self.event_sink.report(events.FurnitureMeasured(self.now_s, furniture))
         self.report_problem(
             f"measured: {furniture.describe(seated=seated)}; now measure the participant again"

@@ -9,6 +9,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, Arm, TrackedBodyPart
+from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
 from avrgym.vr.protocol import messages
@@ -61,7 +62,7 @@ class TrackingState:
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
         self._ignored: frozenset[Arm] = frozenset()
-        self._posture = SEATED
+        self._posture, self._forward_m = SEATED, 0.0
         self._sliding: SlidingMonitor | None = None
         self._ticks = 0
         self._glide: SeatMotion | None = None
@@ -106,17 +107,22 @@ class TrackingState:
             else (newest.tracking.left_modality, newest.tracking.right_modality)
         )
 
-    def place_seat(self, head: XRPose, person: Person, posture: Posture) -> None:
-        """Determine the registration from the headset's pose of a participant who rests on the seat or bed."""
+    def place_seat(
+        self, head: XRPose, person: Person, posture: Posture, furniture: RealFurniture = DEFAULT_FURNITURE
+    ) -> None:
+        """Determine the registration from the headset's pose of a participant who rests on the seat or bed.
+
+        With a headrest of the real ``furniture``, the head is in front of its usual place on the virtual seat.
+        """
         self._resting, self._posture = head, posture
+        self._forward_m = furniture.head_forward_m(posture)
         self.update_location(person)
 
     def update_location(self, person: Person) -> None:
         """Adapt the registration to a person with another torso height. The seat does not move in the real room."""
         if self._resting is not None:
-            self.registration = registration_from_head(
-                self._resting, resting_head_centre(person, self._posture)
-            )
+            centre_w = resting_head_centre(person, self._posture) - [0.0, self._forward_m, 0.0]
+            self.registration = registration_from_head(self._resting, centre_w)
             self._sliding = SlidingMonitor(person, self._posture)
             self._pose = self._glide = None
 
