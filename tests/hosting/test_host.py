@@ -70,9 +70,11 @@ def test_data_are_deleted_on_request_while_no_session_runs(served: Served) -> No
     assert pseudonym in view["copies_requested"]
     assert served.post("deletion", token).status_code == 204
     assert served.stage(token)["ending"] == "withdrawn"
-    RequestedDeletions(store, served.host.pool).delete()
+    RequestedDeletions(store, served.host.pool).poll()
     assert [each.number for each in store.deleted_participants()] == [int(pseudonym.removeprefix("sub-"))]
-    assert served.request("GET", "/api/stage", token).status_code == 401
+    wait_until(
+        lambda: served.request("GET", "/api/stage", token).status_code == 401, "the token becomes invalid"
+    )
     assert store.database.find_faults() == []
 
 

@@ -66,7 +66,7 @@ def test_killed_host_continues_where_it_was(tmp_path: Path) -> None:
 def test_state_is_stored_and_private(tmp_path: Path) -> None:
     state = HostState(tmp_path)
     assert (state.is_open, state.waiting, state.sessions) == (True, (), ())
-    session = RunningSession("id", "sub-001", "link", 4, 1.5, 2)
+    session = RunningSession("id", "sub-001", "link", 1.5, 2)
     state.set_open(False)
     state.set_sessions(("sub-002",), (session,))
     restored = HostState(tmp_path)

@@ -12,8 +12,11 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.sync.client import ClientConnection
 
 from avrgym.hosting.host import Host
+from avrgym.hosting.participant_app import ACTIONS
 from avrgym.hosting.rate_limits import RateLimits
 from avrgym.hosting.session_pool import HostedSession
+from avrgym.study.storage.database import Database
+from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.protocol.messages import Problem, Welcome
 from avrgym.vr.server import connection_limits
@@ -23,6 +26,7 @@ from helpers.studies.small_studies import small_study
 pytestmark = pytest.mark.slow
 OPEN_PATHS = ("/", "/favicon.svg", "/api/settings")
 """Paths of pages and settings that need no token."""
+JSON_BODY = {"Content-Type": "application/json"}
 INVITATION_PATHS = ("/api/invitation", "/api/participants", "/api/headset")
 """Paths that need an invitation or a code in the body."""
 
@@ -210,3 +214,63 @@ def test_session_continues_while_thousands_of_idle_connections_come(
         while time.monotonic() < ends_s:
             assert not isinstance(first(opened), Problem)
     assert session.crashes == 0
+
+
+def test_session_continues_with_a_client_that_does_not_read(
+    served: Served, running: tuple[HostedSession, str]
+) -> None:
+    """The spectator's connection is full after a while; the participant still receives all messages."""
+    session, _ = running
+    spectator = served.host.tokens.spectator
+    with (
+        served.connect(session.id, spectator, "watch", experimenter=True, max_queue=1),
+        served.connect(session.id, session.link) as opened,
+    ):
+        assert isinstance(first(opened), Welcome)
+        ends_s = time.monotonic() + 3.0
+        while time.monotonic() < ends_s:
+            assert not isinstance(first(opened), Problem)
+    assert session.crashes == 0
+
+
+def test_tokens_are_checked_without_the_database(
+    served: Served, running: tuple[HostedSession, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The event loop, which also passes on the sessions' data, never waits for a slow database."""
+    _, own = running
+    tokens = served.host._public._limiter._tokens
+
+    def refuse(*_: object) -> None:
+        raise StudyError("a query")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Database, "read_transaction", refuse)
+        assert [tokens.client_of_token(each) is not None for each in (own, "A" * 22)] == [True, False]
+
+
+@pytest.mark.parametrize("body", [b"", b"{", b"[]", b'{"x": 1}', b"[" * 5000, b'"' + b"a" * 9000 + b'"'])
+def test_malformed_bodies_are_refused(
+    served: Served, running: tuple[HostedSession, str], body: bytes
+) -> None:
+    _, own = running
+    for name in ("invitation", "participants", "headset", *ACTIONS):
+        answer = served.request("POST", f"/api/{name}", own, json=None, content=body, headers=JSON_BODY)
+        assert 400 <= answer.status_code < 500, name
+
+
+def test_only_the_public_address_is_an_origin_behind_a_proxy(tmp_path: Path) -> None:
+    with (
+        Store(small_study(tmp_path / "study")) as store,
+        Host(store, address="https://Study.example", proxies=("127.0.0.1",)) as host,
+    ):
+        hosted = Served(host)
+        token = hosted.invite()
+        for origin, status in (
+            ("https://study.example", 200),
+            ("http://study.example", 403),
+            ("https://study.example:8443", 403),
+            ("null", 403),
+        ):
+            headers = {"Host": "study.example", "Origin": origin, "X-Forwarded-For": "203.0.113.7"}
+            answer = hosted.request("POST", "/api/invitation", headers=headers, json={"token": token})
+            assert answer.status_code == status, origin

@@ -19,12 +19,12 @@ from avrgym.study.people.invitations import (
     create_invitations,
     enrol_invited,
     list_invitations,
-    participant_of_token,
-    replace_token,
+    personal_tokens,
 )
 from avrgym.study.storage import identity_file
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.vr.server.session_links import token_sha256
 from helpers.studies.small_studies import small_study
 
 
@@ -43,8 +43,7 @@ def reason(store: Store, token: str) -> str:
 def test_single_use_link_admits_one_participant(store: Store) -> None:
     (invitation,) = create_invitations(store, ["row-1"], days=1)
     pseudonym, own = enrol_invited(store, invitation.token, "woman", age_years=40)
-    assert participant_of_token(store, own) == pseudonym == "sub-001"
-    assert participant_of_token(store, invitation.token) is None
+    assert personal_tokens(store) == {token_sha256(own): pseudonym} == {token_sha256(own): "sub-001"}
     assert reason(store, invitation.token) == "full"
     with pytest.raises(InvitationError, match="has been used"):
         enrol_invited(store, invitation.token, "man")
@@ -99,10 +98,14 @@ def test_id_of_a_recruitment_service_is_encrypted_and_takes_part_once(store: Sto
 def test_new_token_replaces_the_earlier_one(store: Store) -> None:
     (invitation,) = create_invitations(store, [""], days=1)
     pseudonym, first = enrol_invited(store, invitation.token, "woman")
-    second = replace_token(store, pseudonym)
-    assert (participant_of_token(store, first), participant_of_token(store, second)) == (None, pseudonym)
+    command = ["study", "invitations", str(store.folder), "--address", "https://study.example", "--new-link"]
+    printed = CliRunner().invoke(app, [*command, pseudonym]).stdout.split()
+    second = printed[0].removeprefix("https://study.example/#participant=")
+    assert first != second
+    assert personal_tokens(store) == {token_sha256(second): pseudonym}
+    assert CliRunner().invoke(app, [*command, "sub-002"]).exit_code == 1
     delete_participant(store, pseudonym)
-    assert participant_of_token(store, second) is None
+    assert personal_tokens(store) == {}
     assert reason(store, invitation.token) == "full"
     assert store.database.find_faults() == []
 

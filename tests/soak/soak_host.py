@@ -1,30 +1,184 @@
-"""Many participants of a hosted study at the same time: with killed sessions, and over the network of this computer.
+"""Many participants of a hosted study at the same time: with killed sessions, a killed host and a restarted database.
 
-Run one with other numbers: ``python tests/soak/soak_host.py PARTICIPANTS KILLS``.
+Run one with other numbers: ``python tests/soak/soak_host.py PARTICIPANTS KILLS HOST_KILLS DATABASE_RESTARTS``.
 """
 
 import json
+import os
+import random
+import signal
 import sys
 import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import httpx
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from helpers.hosting.hosted_participants import host_participants
+from avrgym.study.people.invitations import create_invitations
+from avrgym.study.storage.database import DATABASE_URL_VARIABLE
+from avrgym.study.storage.store import Store
+from helpers.hosting.hosted_participants import (
+    DESIGN,
+    SETTINGS,
+    Counts,
+    figures,
+    take_part_in_other_process,
+)
+from helpers.hosting.served_host import Served, host_process
+from helpers.studies.small_studies import (
+    make_study,
+    new_postgresql_database,
+    postgresql_data,
+    postgresql_process,
+    postgresql_programs,
+)
+
+_Fault = Callable[[], bool]
+"""A function that causes a fault. Returns whether it could."""
+FIRST_FAULT_S, FAULT_INTERVAL_S, DATABASE_STOP_S = 20.0, 8.0, 3.0
 
 
 def test_participants_with_killed_sessions(tmp_path: Path) -> None:
-    figures = host_participants(tmp_path / "study", participants=6, kills=4)
-    print(json.dumps(figures, indent=2))
-    assert figures["completed"] == 6
-    assert figures["lost_trials"] == 0
-    assert figures["faults"] == []
+    found = host_with_faults(tmp_path / "study", participants=6, kills=4)
+    print(json.dumps(found, indent=2))
+    assert (found["completed"], found["lost_trials"], found["faults"]) == (6, 0, [])
+
+
+def test_participants_with_killed_host_and_restarted_database(tmp_path: Path) -> None:
+    found = host_with_faults(tmp_path / "study", participants=4, host_kills=2, database_restarts=2)
+    print(json.dumps(found, indent=2))
+    assert (found["completed"], found["lost_trials"], found["faults"]) == (4, 0, [])
+
+
+def host_with_faults(
+    folder: Path, participants: int, kills: int = 0, host_kills: int = 0, database_restarts: int = 0
+) -> dict[str, Any]:
+    """Host a study for emulated participants who come at once. Returns figures about them."""
+    make_study(folder, **DESIGN)
+    (folder / "host.toml").write_text(SETTINGS)
+    with ExitStack() as stack:
+        faults: list[_Fault] = []
+        if database_restarts:
+            faults += [stack.enter_context(_postgresql())] * database_restarts
+        store = stack.enter_context(Store(folder))
+        host = stack.enter_context(_Host(store))
+        faults += [host.kill] * host_kills + [lambda: _kill_session(store)] * kills
+        random.Random(1).shuffle(faults)
+        invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
+        watch = _Watch(host, store, faults)
+        watch.start()
+        began_s = time.monotonic()
+        outcomes = take_part_in_other_process(f"http://localhost:{host.served.host.port}", invitations)
+        seconds = time.monotonic() - began_s
+        watch.over.set()
+        watch.join()
+        return figures(store, outcomes, watch.counts) | {
+            "seconds": round(seconds, 1),
+            "killed_sessions": kills,
+            "killed_hosts": host_kills,
+            "restarted_databases": database_restarts,
+            "omitted_faults": len(watch.faults),
+        }
+
+
+class _Host:
+    """Context manager: a host process, which is started again at the same ports when it is killed."""
+
+    def __init__(self, store: Store) -> None:
+        self._store, self._open = store, ExitStack()
+
+    def __enter__(self) -> "_Host":
+        self._start(0, 0)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def kill(self) -> bool:
+        """Kill the host, and start it again."""
+        self._open.close()
+        self._start(self._process.port, self._process.experimenter_port)
+        return True
+
+    def _start(self, port: int, experimenter_port: int) -> None:
+        self._process, self.served = self._open.enter_context(
+            host_process(self._store, port=port, experimenter_port=experimenter_port)
+        )
+
+
+@contextmanager
+def _postgresql() -> Iterator[_Fault]:
+    """Store studies in a PostgreSQL database. Yields a function that restarts its server."""
+    programs = postgresql_programs()
+    assert programs is not None, "PostgreSQL's server is not installed"
+    with postgresql_data(programs) as folder, ExitStack() as running:
+        running.enter_context(postgresql_process(programs, folder))
+        os.environ[DATABASE_URL_VARIABLE] = new_postgresql_database(folder)
+
+        def restart() -> bool:
+            running.close()
+            time.sleep(DATABASE_STOP_S)
+            running.enter_context(postgresql_process(programs, folder))
+            return True
+
+        try:
+            yield restart
+        finally:
+            del os.environ[DATABASE_URL_VARIABLE]
+
+
+def _kill_session(store: Store) -> bool:
+    """Kill the process of a session with a running attempt. Returns whether there was one."""
+    sessions = [each for one in store.participants() for each in store.sessions(one.pseudonym)]
+    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
+    running = {each.session for each in attempts if each.state == "running"}
+    processes = [each.process for each in sessions if each.state == "open" and each.id in running]
+    if not processes:
+        return False
+    with suppress(ProcessLookupError):
+        os.kill(random.choice(processes), signal.SIGKILL)
+    return True
+
+
+class _Watch(threading.Thread):
+    """Counts sessions and ticks, and causes one fault after another. ``faults``: those that remain."""
+
+    def __init__(self, host: _Host, store: Store, faults: list[_Fault]) -> None:
+        super().__init__(daemon=True)
+        self.over = threading.Event()
+        self.counts, self.faults = Counts(), faults
+        self._host, self._store, self._restarts = host, store, 0
+
+    def run(self) -> None:
+        """Watch until the end."""
+        next_fault_s = time.monotonic() + FIRST_FAULT_S
+        while not self.over.wait(1.0):
+            with suppress(httpx.HTTPError, KeyError):
+                self._count(self._host.served)
+            if self.faults and time.monotonic() > next_fault_s and self.faults[0]():
+                self._restarts += self.faults.pop(0) == self._host.kill
+                next_fault_s = time.monotonic() + FAULT_INTERVAL_S
+
+    def _count(self, served: Served) -> None:
+        experimenter = served.host.tokens.experimenter
+        sessions = served.request("GET", "/api/sessions", experimenter, experimenter=True).json()["sessions"]
+        self.counts.most = max(self.counts.most, len(sessions))
+        for each in sessions:
+            self.counts.count(
+                (each["id"], each["crashes"], self._restarts),
+                60.0 * each["minutes"],
+                each["missed_ticks"],
+                each["cpu_share"],
+                in_trial=each["phase"] == "trial",
+            )
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        print(
-            json.dumps(
-                host_participants(Path(temporary) / "study", int(sys.argv[1]), int(sys.argv[2])), indent=2
-            )
-        )
+        print(json.dumps(host_with_faults(Path(temporary) / "study", *map(int, sys.argv[1:])), indent=2))

@@ -7,6 +7,12 @@ from typer.testing import CliRunner
 
 from avrgym.cli import app
 from avrgym.study.plan.data_protection import DATA_PROTECTION_FOLDER, write_data_protection_drafts
+from avrgym.study.plan.hosted_assessment import (
+    HOST_SETTINGS_FILE,
+    HOSTED_DATA,
+    HOSTED_MEASURES,
+    HOSTED_RISKS,
+)
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.small_studies import small_study
@@ -56,3 +62,12 @@ def test_edited_drafts_are_not_overwritten(tmp_path: Path) -> None:
         write_data_protection_drafts(store)
     assert path.read_text() == "filled in"
     assert path.stat().st_mode & 0o077 == 0 or path.parent.stat().st_mode & 0o077 == 0
+
+
+def test_drafts_of_a_hosted_study_contain_its_data_measures_and_risks(tmp_path: Path) -> None:
+    folder = small_study(tmp_path / "study")
+    (folder / HOST_SETTINGS_FILE).write_text("")
+    drafts = written(folder)
+    for draft in drafts.values():
+        assert all(each in draft for each in (*HOSTED_DATA, *HOSTED_MEASURES))
+    assert all(f"### {heading}" in drafts["impact-assessment.md"] for heading in HOSTED_RISKS)

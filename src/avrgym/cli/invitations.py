@@ -69,15 +69,28 @@ def invitations(
     close: Annotated[
         int | None, typer.Option(help="Close the invitation with this id.", metavar="ID")
     ] = None,
+    new_link: Annotated[
+        str,
+        typer.Option(
+            help="Print a new link to the page of this participant. The earlier link becomes invalid.",
+            metavar="PSEUDONYM",
+        ),
+    ] = "",
+    address: Annotated[str, typer.Option(help="The study's public address, for --new-link.")] = "",
     json_file: JsonFileOption = None,
 ) -> None:
     """List invitations with their numbers of uses."""
-    from avrgym.study.people.invitations import close_invitation, list_invitations
+    from avrgym.hosting.addresses import check_address, participant_link
+    from avrgym.study.people.invitations import close_invitation, list_invitations, replace_token
     from avrgym.study.storage.store import Store
 
     with report_errors():
         check_json_file(json_file)
+        base = check_address(address) if new_link else ""
         with Store(folder) as store:
+            if new_link:
+                print_line(participant_link(base, replace_token(store, new_link)))
+                log_command(store, "replace link", new_link)
             if close is not None:
                 close_invitation(store, close)
                 log_command(store, "close invitation", detail=str(close))

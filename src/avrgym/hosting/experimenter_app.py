@@ -72,19 +72,19 @@ def experimenter_app(
         log.log_view(caller, "view sessions")
         return json_response(sessions_view(store, pool, state))
 
+    def logged(caller: AuthenticatedClient, session_id: str, name: str, act: Callable[[], None]) -> None:
+        session = pool.find(session_id)
+        with log.log_command(caller, name, session.pseudonym if session else None):
+            act()
+
     @app.post("/api/door")
     async def change_door(
         request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
         change = await decode_json_body(request, DoorChange, MAX_BODY_BYTES)
-        with log.log_command(caller, "open door" if change.is_open else "close door", None):
-            await run_in_threadpool(state.set_open, change.is_open)
+        name = "open door" if change.is_open else "close door"
+        await run_in_threadpool(logged, caller, "", name, lambda: state.set_open(change.is_open))
         return Response(status_code=204)
-
-    def logged(caller: AuthenticatedClient, session_id: str, name: str, act: Callable[[], None]) -> None:
-        session = pool.find(session_id)
-        with log.log_command(caller, name, session.pseudonym if session else None):
-            act()
 
     @app.post("/api/sessions/{session_id}/message")
     async def send_message(

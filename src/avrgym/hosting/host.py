@@ -10,7 +10,8 @@ from avrgym.hosting.data_requests import RequestedDeletions
 from avrgym.hosting.experimenter_app import experimenter_app
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.host_state import HostState
-from avrgym.hosting.participant_app import ParticipantTokens, Participation, participant_app
+from avrgym.hosting.participant_app import Participation, participant_app
+from avrgym.hosting.participant_tokens import ParticipantTokens
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import read_host_settings
 from avrgym.hosting.tunnel import TunnelRules, Tunnels
@@ -83,6 +84,7 @@ class Host:
         local = [f"{name}:{self.port}" for name in LOOPBACK_HOSTS]
         origins = frozenset({self.origin, *(f"http://{each}" for each in local)})
         own_tokens = ParticipantTokens.of_study(store)
+        self._participants = own_tokens.participants
         limiter = ConnectionLimiter(public, own_tokens, MAX_PARTICIPANT_CONNECTIONS)
         participation = Participation(store, settings, self.pool, self._state, HeadsetCodes(), self.origin)
         names = [urlsplit(self.origin).hostname or "", *LOOPBACK_HOSTS]
@@ -112,6 +114,7 @@ class Host:
 
     def __enter__(self) -> "Host":
         self._open.enter_context(self._experimenters)
+        self._open.enter_context(self._participants)
         self._open.enter_context(self.pool)
         self._open.enter_context(RequestedDeletions(self.store, self.pool))
         self._open.enter_context(RecordingUploads(self.store))

@@ -21,7 +21,6 @@ class RunningSession(msgspec.Struct, frozen=True):
     id: str
     pseudonym: str
     link: str
-    trials: int
     began_at_s: float
     crashes: int
 

@@ -6,8 +6,8 @@ server has no page for experimenters.
 """
 
 from collections.abc import Awaitable, Callable
-from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Self
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
@@ -21,6 +21,7 @@ from avrgym.hosting.addresses import participant_link
 from avrgym.hosting.data_requests import COPY_REQUESTED, DELETION_REQUESTED, requested
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.host_state import HostState
+from avrgym.hosting.participant_tokens import ParticipantTokens
 from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import SessionPool
@@ -43,7 +44,6 @@ from avrgym.study.people.invitations import (
     ServiceIds,
     check_invitation,
     enrol_invited,
-    participant_of_token,
 )
 from avrgym.study.people.participants import (
     decline_consent,
@@ -54,7 +54,7 @@ from avrgym.study.people.participants import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
-from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT, AuthenticatedClient, Tokens
+from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT
 from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
@@ -111,26 +111,6 @@ class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to use a headset code. ``code``: the digits; spaces are ignored."""
 
     code: Annotated[str, msgspec.Meta(max_length=40)]
-
-
-@dataclass(frozen=True)
-class ParticipantTokens(Tokens):
-    """Tokens of participants. This server rejects the shared tokens of ``Tokens``."""
-
-    store: Store
-
-    @classmethod
-    def of_study(cls, store: Store) -> Self:
-        """Returns the tokens of a study's participants."""
-        return cls(**asdict(Tokens.new()), store=store)
-
-    def client_of_token(self, token: str) -> AuthenticatedClient | None:
-        """Returns the client with a participant's token; its name is the pseudonym. ``None`` for an invalid token."""
-        try:
-            pseudonym = participant_of_token(self.store, token)
-        except StudyError:
-            return None
-        return None if pseudonym is None else AuthenticatedClient("participant", pseudonym)
 
 
 @dataclass(frozen=True)
@@ -294,6 +274,7 @@ def participant_app(
             language=given.language,
             service=ServiceIds(given.participant, given.study, given.session),
         )
+        await run_in_threadpool(tokens.participants.poll)
         return json_response({"token": token, "link": participant_link(own.origin, token)})
 
     @app.post("/api/headset", dependencies=[Depends(limited)])

@@ -52,14 +52,13 @@ class HostedSession:
     """A running session.
 
     ``id``: part of the session's address. ``link``: the participant's token; it remains valid after a crash.
-    ``trials``: number of remaining trials at the start. ``report``: the latest report. ``absent_since_s``: time at
-    which the participant disconnected. ``ends_at_s``: time of the ordered end. ``error``: error before the start.
+    ``report``: the latest report. ``absent_since_s``: time at which the participant disconnected.
+    ``ends_at_s``: time of the ordered end. ``error``: error before the start.
     """
 
     id: str
     pseudonym: str
     link: str
-    trials: int
     computer: Computer
     process: SessionWorker
     pipe: Connection
@@ -187,11 +186,12 @@ class SessionPool:
         Raises:
             StudyError: if no trial remains.
         """
+        asks_after = bool(self._store.design.items_at_moment("after_session"))
+        is_complete = not asks_after and not has_unfinished_trials(self._store, pseudonym)
         with self._lock:
             if self.session_of(pseudonym) is not None:
                 return None
-            asks_after = bool(self._store.design.items_at_moment("after_session"))
-            if not asks_after and not has_unfinished_trials(self._store, pseudonym):
+            if is_complete:
                 raise StudyError(f"{pseudonym} has completed all trials; no session remains")
             self._failed.pop(pseudonym, None)
             self._waiting.join(pseudonym, self._clock())
@@ -252,7 +252,6 @@ class SessionPool:
                     each.id,
                     each.pseudonym,
                     each.link,
-                    each.trials,
                     computer,
                     process,
                     pipe,
@@ -265,7 +264,7 @@ class SessionPool:
     def _save(self) -> None:
         """Store the waiting list and the sessions, if they have changed."""
         running = (
-            RunningSession(each.id, each.pseudonym, each.link, each.trials, each.began_at_s, each.crashes)
+            RunningSession(each.id, each.pseudonym, each.link, each.began_at_s, each.crashes)
             for each in self._sessions.values()
         )
         self._state.set_sessions(self._waiting.pseudonyms, tuple(running))
@@ -293,8 +292,7 @@ class SessionPool:
             else:
                 self._enforce_times(session, now_s)
         self._waiting.remove_absent(now_s)
-        with suppress(StudyError):  # the database is unreachable; participants wait
-            self._admit(now_s)
+        self._admit(now_s)
         with suppress(OSError):  # the disk is full; later changes are stored
             self._save()
 
@@ -369,12 +367,11 @@ class SessionPool:
         computer = self._choose([each for each in self._computers() if self._admits(each, now_s)])
         if computer is None:
             return
-        trials = len(self._store.remaining_trials(pseudonym))
         self._waiting.leave(pseudonym)
         session_id, link = secrets.token_hex(ID_BYTES), new_link()
         process, pipe = computer.start(self._request(pseudonym, link))
         self._sessions[session_id] = HostedSession(
-            session_id, pseudonym, link, trials, computer, process, pipe, now_s, process_began_s=now_s
+            session_id, pseudonym, link, computer, process, pipe, now_s, process_began_s=now_s
         )
 
     def _admits(self, computer: Computer, now_s: float) -> bool:
@@ -410,9 +407,8 @@ class SessionPool:
 
     def _remaining_s(self, session: HostedSession, now_s: float) -> float:
         """Returns the estimated remaining time of a session (s), from its progress."""
-        elapsed_s = now_s - session.began_s
-        report = session.report
-        left = max(report.trials - report.trial + 1, 0) if report.trials else session.trials
-        by_trials = self.session_s * left / max(session.trials, 1)
+        elapsed_s, report = now_s - session.began_s, session.report
+        left = max(report.trials - report.trial + 1, 0) / report.trials if report.trials else 1.0
+        by_trials = self.session_s * left
         deadline_s = 60.0 * self._settings.session_minutes + END_TIMEOUT_S - elapsed_s
         return min(by_trials, max(deadline_s, 0.0))

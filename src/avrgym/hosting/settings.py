@@ -7,8 +7,8 @@ from urllib.parse import urlsplit
 import msgspec
 
 from avrgym.study.design.validation import StructByKeyPath, ValidationError, parse_toml, read_text
+from avrgym.study.plan.hosted_assessment import HOST_SETTINGS_FILE
 
-FILE = "host.toml"
 Line = Annotated[str, msgspec.Meta(max_length=500)]
 Minutes = Annotated[float, msgspec.Meta(gt=0, le=480)]
 
@@ -55,7 +55,7 @@ def read_host_settings(folder: Path) -> HostSettings:
     Raises:
         DesignError: for an invalid file.
     """
-    path = folder / FILE
+    path = folder / HOST_SETTINGS_FILE
     if not path.is_file():
         return HostSettings()
     return parse_toml(read_text(path), str(path), HostSettings, _TABLES, _check)

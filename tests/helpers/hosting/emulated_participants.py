@@ -32,7 +32,10 @@ STATE_TAG = b"\xa4type\xa5state"
 
 @dataclass
 class Outcome:
-    """What happened to one participant. ``round_trips_s``: from a tracking frame to the first state with it."""
+    """What happened to one participant. ``round_trips_s``: from a tracking frame to the first state with it.
+
+    ``received_bytes``: of all WebSocket messages. ``sent_bytes``: of tracking frames. Both without headers.
+    """
 
     ending: str = ""
     code: str = ""
@@ -40,6 +43,8 @@ class Outcome:
     waited_s: float = 0.0
     round_trips_s: list[float] = field(default_factory=list[float])
     error: str = ""
+    received_bytes: int = 0
+    sent_bytes: int = 0
 
 
 def record_motion(seconds: float = 10.0, seed: int = 1) -> list[Tracking]:
@@ -138,6 +143,7 @@ class EmulatedParticipant:
         with suppress(ConnectionClosed):
             async for data in socket:
                 assert isinstance(data, bytes)
+                self.outcome.received_bytes += len(data)
                 if STATE_TAG in data[:16]:
                     states += 1
                     if states % messages.STATES_PER_RECEIPT == 0:
@@ -179,7 +185,9 @@ class EmulatedParticipant:
                 self._sent_s[self._sequence] = now_s
                 if len(self._sent_s) > MAX_SENT:
                     del self._sent_s[next(iter(self._sent_s))]
-                await socket.send(messages.encode(frame))
+                encoded = messages.encode(frame)
+                self.outcome.sent_bytes += len(encoded)
+                await socket.send(encoded)
                 await self._respond(socket, now_s)
                 due_s = max(due_s + 1.0 / TRACKING_HZ, now_s - 0.1)
                 await asyncio.sleep(max(due_s - time.monotonic(), 0.0))

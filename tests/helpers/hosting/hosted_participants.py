@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,35 +55,43 @@ def host_participants(
         watch = _Watch(host.pool, kills, kill)
         watch.start()
         began_s = time.monotonic()
-        outcomes = _in_other_process(host.origin, invitations)
+        outcomes = take_part_in_other_process(host.origin, invitations)
         seconds = time.monotonic() - began_s
         watch.over.set()
         watch.join()
-        faults = [str(each) for each in check_study(store) if each.is_error]
-        faults += [str(each) for each in store.database.find_faults()]
-        trials = [trial for each in store.participants() for trial in store.trials(each.pseudonym)]
-        attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
-        return {
-            "participants": participants,
-            "completed": sum(each["ending"] == "completed" for each in outcomes),
-            "with_code": sum(each["code"] == "DONE" for each in outcomes),
-            "errors": [each["error"] for each in outcomes if each["error"]],
+        return figures(store, outcomes, watch.counts) | {
             "seconds": round(seconds, 1),
-            "most_sessions_at_once": watch.most,
             "killed": watch.killed,
-            "connections": sum(each["connections"] for each in outcomes),
-            "trials": len(trials),
-            "lost_trials": sum(trial.state != "completed" for trial in trials),
-            "attempts": dict(Counter(each.state for each in attempts)),
-            "cpu_share_in_trials": round(watch.mean_cpu_share, 3),
-            "ticks_given_up_share": round(watch.missed / max(watch.ticks, 1), 5),
-            "round_trip_ms": {str(each["name"]): each["ms"] for each in outcomes[0]["percentiles"]},
-            "waited_s_max": max(each["waited_s"] for each in outcomes),
-            "faults": faults,
         }
 
 
-def _in_other_process(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
+def figures(store: Store, outcomes: list[dict[str, Any]], counts: "Counts") -> dict[str, Any]:
+    """Returns figures about a hosted study. ``outcomes``: of its participants."""
+    faults = [str(each) for each in check_study(store) if each.is_error]
+    faults += [str(each) for each in store.database.find_faults()]
+    trials = [trial for each in store.participants() for trial in store.trials(each.pseudonym)]
+    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
+    return {
+        "participants": len(outcomes),
+        "completed": sum(each["ending"] == "completed" for each in outcomes),
+        "with_code": sum(each["code"] == "DONE" for each in outcomes),
+        "errors": [each["error"] for each in outcomes if each["error"]],
+        "load": round(os.getloadavg()[1], 1),
+        "most_sessions_at_once": counts.most,
+        "connections": sum(each["connections"] for each in outcomes),
+        "trials": len(trials),
+        "lost_trials": sum(trial.state != "completed" for trial in trials),
+        "attempts": dict(Counter(each.state for each in attempts)),
+        "cpu_share_in_trials": round(counts.mean_cpu_share, 3),
+        "ticks_given_up_share": round(counts.missed / max(counts.ticks, 1), 5),
+        "round_trip_ms": {str(each["name"]): each["ms"] for each in outcomes[0]["percentiles"]},
+        "waited_s_max": max(each["waited_s"] for each in outcomes),
+        "faults": faults,
+    }
+
+
+def take_part_in_other_process(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
+    """Let participants take part at the same time, in another process. Returns their outcomes."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(_take_part, (origin, invitations))
 
@@ -107,17 +115,21 @@ def _take_part(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
     ]
 
 
-class _Watch(threading.Thread):
-    """Counts sessions and ticks, and kills processes of sessions."""
+class Counts:
+    """Counts of sessions and ticks. ``most``: the largest number of concurrent sessions."""
 
-    def __init__(self, pool: SessionPool, kills: int, kill: Callable[[HostedSession], object]) -> None:
-        super().__init__(daemon=True)
-        self.over = threading.Event()
-        self.most = self.killed = 0
-        self._pool, self._kills, self._kill = pool, kills, kill
-        self._last: dict[int, tuple[float, int]] = {}
+    def __init__(self) -> None:
+        self.most = 0
+        self._last: dict[Hashable, tuple[float, int]] = {}
         self._shares: list[float] = []
-        self._random = random.Random(1)
+
+    def count(
+        self, process: Hashable, seconds: float, missed_ticks: int, cpu_share: float, *, in_trial: bool
+    ) -> None:
+        """Count the latest report of a session's process."""
+        self._last[process] = seconds, missed_ticks
+        if in_trial:
+            self._shares.append(cpu_share)
 
     @property
     def ticks(self) -> float:
@@ -134,16 +146,32 @@ class _Watch(threading.Thread):
         """Mean processor time of a session in trials, as a share of one core."""
         return sum(self._shares) / max(len(self._shares), 1)
 
+
+class _Watch(threading.Thread):
+    """Counts sessions and ticks, and kills processes of sessions."""
+
+    def __init__(self, pool: SessionPool, kills: int, kill: Callable[[HostedSession], object]) -> None:
+        super().__init__(daemon=True)
+        self.over = threading.Event()
+        self.counts, self.killed = Counts(), 0
+        self._pool, self._kills, self._kill = pool, kills, kill
+        self._random = random.Random(1)
+
     def run(self) -> None:
         """Watch until the end."""
         next_kill_s = time.monotonic() + 15.0
         while not self.over.wait(1.0):
             sessions = self._pool.sessions
-            self.most = max(self.most, len(sessions))
+            self.counts.most = max(self.counts.most, len(sessions))
             for each in sessions:
-                self._last[each.process.pid or 0] = each.report.seconds, each.report.missed_ticks
-                if each.report.phase == "trial":
-                    self._shares.append(each.report.cpu_share)
+                report = each.report
+                self.counts.count(
+                    each.process.pid,
+                    report.seconds,
+                    report.missed_ticks,
+                    report.cpu_share,
+                    in_trial=report.phase == "trial",
+                )
             busy = [each for each in sessions if each.report.phase in ("trial", "free", "questionnaire")]
             if self.killed < self._kills and busy and time.monotonic() > next_kill_s:
                 self._kill(self._random.choice(busy))

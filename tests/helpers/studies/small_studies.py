@@ -55,6 +55,8 @@ SAMPLES = (
     StreamSamples("marks", 0.0, [0.2], [], [["pressed"]]),
 )
 """Samples of other devices in every trial."""
+USER_OF_POSTGRESQL = "nobody" if os.geteuid() == 0 else None
+"""PostgreSQL's server refuses to run as root."""
 
 
 def make_study(folder: Path, **changes: str) -> Path:
@@ -167,40 +169,45 @@ def postgresql_programs() -> Path | None:
 
 
 @contextmanager
-def postgresql_server(programs: Path) -> Iterator[Path]:
-    """Run a PostgreSQL server until the context ends. Yields the folder of its socket."""
+def postgresql_data(programs: Path) -> Iterator[Path]:
+    """Create the data of a PostgreSQL server until the context ends. Yields the folder of data and socket."""
     folder = Path(tempfile.mkdtemp(prefix="avrgym-"))
-    user = "nobody" if os.geteuid() == 0 else None  # the server refuses to run as root
-    if user:
-        shutil.chown(folder, user)
-    data = folder / "data"
-    initialise = [
-        programs / "initdb",
-        "-D",
-        data,
-        "-U",
-        "avrgym",
-        "-A",
-        "trust",
-        "--no-sync",
-        "--no-locale",
-        "-E",
-        "UTF8",
-    ]
-    serve = [programs / "postgres", "-D", data, "-k", folder, "-c", "listen_addresses=", "-c", "fsync=off"]
+    if USER_OF_POSTGRESQL:
+        shutil.chown(folder, USER_OF_POSTGRESQL)
+    options = ["-U", "avrgym", "-A", "trust", "--no-sync", "--no-locale", "-E", "UTF8"]
+    initialise = [programs / "initdb", "-D", folder / "data", *options]
     try:
-        subprocess.run(initialise, check=True, capture_output=True, user=user, cwd=folder)
-        with subprocess.Popen(
-            serve, stderr=subprocess.PIPE, user=user, cwd=folder, text=True, preexec_fn=kill_with_parent
-        ) as server:
-            try:
-                assert server.stderr is not None
-                next(line for line in server.stderr if "ready to accept connections" in line)
-                yield folder
-            finally:
-                server.send_signal(signal.SIGQUIT)  # its data are temporary
+        subprocess.run(initialise, check=True, capture_output=True, user=USER_OF_POSTGRESQL, cwd=folder)
+        yield folder
     finally:
         shutil.rmtree(folder)
+
+
+@contextmanager
+def postgresql_process(programs: Path, folder: Path) -> Iterator[None]:
+    """Run a PostgreSQL server with the data in a folder. At the end it stops immediately, as after a crash."""
+    options = ["-D", folder / "data", "-k", folder, "-c", "listen_addresses=", "-c", "fsync=off"]
+    with subprocess.Popen(
+        [programs / "postgres", *options],
+        stderr=subprocess.PIPE,
+        user=USER_OF_POSTGRESQL,
+        cwd=folder,
+        text=True,
+        preexec_fn=kill_with_parent,
+    ) as server:
+        try:
+            assert server.stderr is not None
+            next(line for line in server.stderr if "ready to accept connections" in line)
+            yield
+        finally:
+            server.send_signal(signal.SIGQUIT)
+
+
+@contextmanager
+def postgresql_server(programs: Path) -> Iterator[Path]:
+    """Run a PostgreSQL server until the context ends. Yields the folder of its socket."""
+    with postgresql_data(programs) as folder, postgresql_process(programs, folder):
+        yield folder
 
 
 def new_postgresql_database(server: Path, like: str | None = None) -> str:

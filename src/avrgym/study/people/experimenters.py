@@ -1,13 +1,12 @@
 """Experimenters with personal tokens. A token is shown once; the study stores only its checksum."""
 
 import secrets
-import threading
-from contextlib import suppress
 from typing import Self
 
 from avrgym.study.design.validation import NAME_PATTERN
 from avrgym.study.storage import hash_chain, schema
 from avrgym.study.storage.audit_log import UNNAMED_PERSON
+from avrgym.study.storage.polling import PollingThread
 from avrgym.study.storage.rows import Experimenter
 from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.states import StudyError
@@ -57,34 +56,23 @@ def list_experimenters(store: Store) -> list[Experimenter]:
         return find_rows(connection, Experimenter)
 
 
-class ExperimenterTokens:
+class ExperimenterTokens(PollingThread):
     """Context manager that finds the experimenter of a valid token. A thread reads all valid tokens every second."""
 
     def __init__(self, store: Store) -> None:
+        super().__init__("experimenters", TOKEN_REFRESH_INTERVAL_S)
         self._store = store
         self._names: dict[str, str] = {}
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="experimenters", daemon=True)
 
     def experimenter_name(self, token: str) -> str | None:
         """Returns the name of the experimenter with this token; ``None`` for an invalid token."""
         return self._names.get(token_sha256(token))
 
-    def refresh(self) -> None:
+    def poll(self) -> None:
         """Read the valid tokens from the database."""
         valid = [each for each in list_experimenters(self._store) if each.revoked_at is None]
         self._names = {each.token_sha256: each.name for each in valid}
 
     def __enter__(self) -> Self:
-        self.refresh()
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._closed.set()
-        self._thread.join()
-
-    def _run(self) -> None:
-        while not self._closed.wait(TOKEN_REFRESH_INTERVAL_S):
-            with suppress(StudyError):  # other operations report an unreadable database
-                self.refresh()
+        self.poll()
+        return super().__enter__()

@@ -199,12 +199,11 @@ def enrol_invited(
     return pseudonym, own
 
 
-def participant_of_token(store: Store, token: str) -> str | None:
-    """Returns the pseudonym of the participant with this personal token; ``None`` for an unknown token."""
+def personal_tokens(store: Store) -> dict[str, str]:
+    """Returns the pseudonym of each participant with a personal token, by the token's checksum."""
     with store.database.read_transaction() as connection:
-        uses = find_rows(connection, InvitationUse, sha256=token_sha256(token))
-    number = uses[0].participant if uses else None
-    return None if number is None else pseudonym_of(number)
+        uses = find_rows(connection, InvitationUse)
+    return {each.sha256: pseudonym_of(each.participant) for each in uses if each.participant is not None}
 
 
 def replace_token(store: Store, pseudonym: str) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from avrgym.commands.respondents import CAREGIVER
 from avrgym.study.design.description import describe_procedure
 from avrgym.study.design.design import Design
+from avrgym.study.plan.hosted_assessment import HOSTED_DATA, HOSTED_MEASURES, HOSTED_RISKS, is_hosted
 from avrgym.study.plan.preregistration import bullet_list, format_markdown, write_draft
 from avrgym.study.storage.store import Store
 
@@ -40,19 +41,19 @@ def write_data_protection_drafts(store: Store) -> list[Path]:
     """
     design, folder = store.design, store.folder / DATA_PROTECTION_FOLDER
     folder.mkdir(mode=0o700, exist_ok=True)
-    title = design.title
+    title, hosted = design.title, is_hosted(store)
     drafts = {
         "impact-assessment.md": format_markdown(
-            f"{title}: data protection impact assessment", DRAFT_NOTICE, _assessment(design)
+            f"{title}: data protection impact assessment", DRAFT_NOTICE, _assessment(design, hosted=hosted)
         ),
         "record-of-processing.md": format_markdown(
-            f"{title}: record of processing activities", DRAFT_NOTICE, _record(design)
+            f"{title}: record of processing activities", DRAFT_NOTICE, _record(design, hosted=hosted)
         ),
     }
     return [write_draft(folder / name, text) for name, text in drafts.items()]
 
 
-def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
+def _assessment(design: Design, *, hosted: bool) -> Mapping[str, Mapping[str, str]]:
     """Returns the texts of the impact assessment, by section and heading. Article 35(7) requires most of them."""
     return {
         "Whether an assessment is needed (Article 35(1) and (3))": {
@@ -69,7 +70,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Legal basis": _fill_in(
                 "for example consent, Article 6(1)(a); for data on health Article 9(2)(a) or (j)"
             ),
-            "Data": bullet_list(_data(design)),
+            "Data": bullet_list(_data(design, hosted=hosted)),
             "Recipients": _recipients(design),
             "Storage": _storage(design),
             "Retention": _retention(design),
@@ -88,10 +89,11 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
             "Disclosure of names": _risk(),
             "Disclosure of data on health": _risk(),
             "Loss of data": _risk(),
+            **(HOSTED_RISKS if hosted else {}),
             "Other risks": _fill_in("what else may harm participants"),
         },
         "Measures (Article 35(7)(d))": {
-            "By this program": bullet_list(SECURITY_MEASURES),
+            "By this program": bullet_list(_measures(hosted=hosted)),
             "By the institution": _fill_in(
                 "encryption of disks, access to rooms, backups, training of staff"
             ),
@@ -108,7 +110,7 @@ def _assessment(design: Design) -> Mapping[str, Mapping[str, str]]:
     }
 
 
-def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
+def _record(design: Design, *, hosted: bool) -> Mapping[str, Mapping[str, str]]:
     """Returns the texts of the record of processing that Article 30(1) requires, by section and heading."""
     return {
         "Record (Article 30(1))": {
@@ -118,20 +120,24 @@ def _record(design: Design) -> Mapping[str, Mapping[str, str]]:
             "in its log; representatives and "
             "caregivers, if any. "
             + _fill_in("how they are recruited, and whether any of them are vulnerable"),
-            "(c) Categories of data": bullet_list(_data(design)),
+            "(c) Categories of data": bullet_list(_data(design, hosted=hosted)),
             "(d) Recipients": _recipients(design),
             "(e) Transfers to third countries": _fill_in(
                 "none, or the countries and the safeguards of Article 46"
             ),
             "(f) Time limits for erasure": _retention(design),
             "(g) Security measures (Article 32(1))": (
-                f"{bullet_list(SECURITY_MEASURES)}\n\n{_fill_in('measures of the institution')}"
+                f"{bullet_list(_measures(hosted=hosted))}\n\n{_fill_in('measures of the institution')}"
             ),
         }
     }
 
 
-def _data(design: Design) -> Iterable[str]:
+def _measures(*, hosted: bool) -> tuple[str, ...]:
+    return (*SECURITY_MEASURES, *(HOSTED_MEASURES if hosted else ()))
+
+
+def _data(design: Design, *, hosted: bool) -> Iterable[str]:
     """Yields a sentence for each kind of data that this study collects."""
     yield "Identity: name and contact, where they were given."
     yield "Body model (woman or man), age where it was given, language, torso height."
@@ -151,6 +157,7 @@ def _data(design: Design) -> Iterable[str]:
     if design.streams.receive:
         yield f"Signals of other devices: {', '.join(design.streams.receive)}."
     yield "Times of sessions, stops and interruptions; notes of experimenters; adverse events."
+    yield from HOSTED_DATA if hosted else ()
     yield "No camera picture and no sound is recorded."
 
 

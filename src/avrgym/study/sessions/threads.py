@@ -1,13 +1,13 @@
 """Threads of a session: one stores events in order, another checks whether the session is still open."""
 
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
 
+from avrgym.study.storage.polling import PollingThread
 from avrgym.study.storage.rows import StudySession
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import LostConnectionError
 from avrgym.study.storage.store import Store, find_rows
 
 
@@ -38,8 +38,11 @@ class StorageQueue:
         self._pending.append(self.submit(store))
 
     def submit(self, store: Callable[[], None]) -> Future[None]:
-        """Add a task. Returns its future. If the task fails, only the future raises the error."""
-        return self._thread.submit(store)
+        """Add a task. Returns its future. If the task fails, only the future raises the error.
+
+        A task that fails because the connection to the database is lost is repeated.
+        """
+        return self._thread.submit(_store, store)
 
     def is_done(self) -> bool:
         """Returns whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
@@ -53,33 +56,35 @@ class StorageQueue:
             yield self._pending.popleft()
 
 
+def _store(task: Callable[[], None]) -> None:
+    for _ in range(MAX_REPEATS):
+        with suppress(LostConnectionError):
+            return task()
+    return task()
+
+
+MAX_REPEATS = 2
+"""Maximum number of repeats of a task after a lost connection. Each repeat waits for the database."""
 SESSION_POLL_INTERVAL_S = 0.5
 """Interval in seconds between two checks of the session's state."""
 
 
-class SessionMonitor:
+class SessionMonitor(PollingThread):
     """A thread that polls the database to check whether a session is still open.
 
     ``ended_elsewhere``: whether another process has ended the session, by a withdrawal or a newer session.
     """
 
     def __init__(self, store: Store, session_id: int) -> None:
+        super().__init__("watch session", SESSION_POLL_INTERVAL_S)
         self.ended_elsewhere = False
         self._store, self._session_id = store, session_id
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="watch session", daemon=True)
-        self._thread.start()
+        self.start()
 
-    def close(self) -> None:
-        """Stop the thread."""
-        self._closed.set()
-
-    def _run(self) -> None:
-        while not self._closed.wait(SESSION_POLL_INTERVAL_S) and not self.ended_elsewhere:
-            with suppress(StudyError):  # other functions report an unreadable database
-                self._poll()
-
-    def _poll(self) -> None:
+    def poll(self) -> None:
+        """Read the session's state."""
         with self._store.database.read_transaction() as connection:
             still_open = find_rows(connection, StudySession, id=self._session_id, state="open")
-        self.ended_elsewhere = not still_open
+        if not still_open:
+            self.ended_elsewhere = True
+            self.close()

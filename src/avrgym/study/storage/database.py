@@ -3,6 +3,7 @@
 import json
 import os
 import sqlite3
+import time
 from collections.abc import Collection, Generator, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from datetime import UTC, datetime
@@ -16,7 +17,7 @@ from alembic.command import stamp, upgrade
 from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 
 from avrgym.study.storage import hash_chain, sqlite
 from avrgym.study.storage.integrity_files import HEAD_FILE, MISMATCH_FILE, IntegrityFileError, IntegrityFiles
@@ -24,7 +25,7 @@ from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, Participa
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare_with_list, reconcile
 from avrgym.study.storage.schema import EVENT_TABLE, METADATA, PARTICIPANT_TABLE, SITE_TABLE, TOMBSTONE_TABLE
-from avrgym.study.storage.states import StudyError
+from avrgym.study.storage.states import LostConnectionError, StudyError
 from avrgym.study.storage.study_folder import find_database_traces
 from avrgym.system.files import make_private_folder, write_private_file
 
@@ -33,6 +34,8 @@ BACKUP_FOLDER = "backups"
 """Folder of backups before migrations, relative to the study's folder."""
 CHECKSUM_LOCK_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for the database lock when the checksum is stored."""
+RECONNECT_TIMEOUT_S, RECONNECT_INTERVAL_S = 30.0, 0.2
+"""Maximum time to wait for PostgreSQL, which restarts, and interval between two attempts to connect."""
 DATABASE_URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 """Environment variable with the database URL. It replaces the URL in ``study.toml``."""
 MIGRATIONS_FOLDER = Path(__file__).parent / "migrations"
@@ -68,7 +71,7 @@ class Database:
         self.is_sqlite = not url
         self._integrity = IntegrityFiles(folder, FILE)
         self.participation = ParticipationList(folder)
-        self._wrote, self._rebuild = False, rebuild
+        self._wrote, self._rebuild, self._was_reached = False, rebuild, False
         self._held = ExitStack()
         self._path = self._readable_copy() if self.is_sqlite and read_only else folder / FILE
         self._engine = sqlite.make_engine(self._path) if self.is_sqlite else _postgresql_engine(url)
@@ -123,10 +126,24 @@ class Database:
     def _begin(self, **options: float) -> Generator[sa.Connection]:
         with (
             _database_errors(),
-            self._engine.connect().execution_options(**options) as connection,
+            self._connect().execution_options(**options) as connection,
             connection.begin(),
         ):
+            self._was_reached = True
             yield connection
+
+    def _connect(self) -> sa.Connection:
+        """Returns a connection. Waits for PostgreSQL, if this process was connected to it before."""
+        ends_s = time.monotonic() + RECONNECT_TIMEOUT_S
+        while True:
+            try:
+                return self._engine.connect()
+            except OperationalError as error:
+                if self.is_sqlite or not self._was_reached:
+                    raise
+                if time.monotonic() > ends_s:
+                    raise LostConnectionError(f"the study's database: {error.orig or error}") from error
+            time.sleep(RECONNECT_INTERVAL_S)
 
     def reconcile_participation(self) -> None:
         """Make the participation list and the database consistent; see ``reconciliation``."""
@@ -360,7 +377,9 @@ def _database_errors() -> Generator[None]:
     try:
         yield
     except (SQLAlchemyError, sqlite3.Error, UnicodeError, json.JSONDecodeError) as error:
-        raise StudyError(f"the study's database: {getattr(error, 'orig', None) or error}") from error
+        lost = isinstance(error, DBAPIError) and error.connection_invalidated
+        kind = LostConnectionError if lost else StudyError
+        raise kind(f"the study's database: {getattr(error, 'orig', None) or error}") from error
 
 
 def _postgresql_engine(url: str) -> sa.Engine:

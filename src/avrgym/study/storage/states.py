@@ -44,6 +44,10 @@ class StudyError(RuntimeError):
     """Raised if a study does not allow an action. Nothing was changed. The message lists allowed actions or values."""
 
 
+class LostConnectionError(StudyError):
+    """Raised if the connection to the database was lost. An action that was not complete may be repeated."""
+
+
 def check_transition(table: str, what: str, before: str, after: str) -> None:
     """Raises ``StudyError`` if a row may not change from state ``before`` to ``after``. ``what``: name of the row."""
     allowed = TRANSITIONS[table][before]

@@ -1,0 +1,205 @@
+"""The way of a participant in a browser with an emulated headset, and the experimenter's pages."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+
+from avrgym.hosting.host import Host
+from avrgym.hosting.session_pool import SessionPool
+from avrgym.study.checking.checks import check_study
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.texts.interface_texts import ENGLISH_TEXTS
+from avrgym.vr.emulation.emulated_headset import (
+    CHROMIUM_FLAGS,
+    DONE_BUTTON,
+    PAGE_TIMEOUT_S,
+    EmulatedHeadset,
+    find_chromium,
+)
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
+from helpers.browser.accessibility import violations
+from helpers.browser.journey import (
+    SEATING,
+    TIMEOUT_S,
+    finish_phases,
+    skip_drawing,
+    wait_for_buttons,
+    wait_for_phase,
+)
+from helpers.browser.staged_page import StagedPage
+from helpers.hosting.served_host import Served
+from helpers.hosting.slow_sessions import run_slow_session
+from helpers.studies.small_studies import make_study
+from helpers.vr.visit import constant_policy
+
+pytestmark = pytest.mark.slow
+TEXTS = ENGLISH_TEXTS.page
+ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
+PHONE = ViewportSize(width=390, height=844)
+DESKTOP = ViewportSize(width=1440, height=900)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    expect.set_options(timeout=1000 * TIMEOUT_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield browser
+        browser.close()
+
+
+class HomeHeadset(EmulatedHeadset):
+    """The browser of a headset at home. It opens the participant's own page, then the page of the session."""
+
+    def __init__(self, browser: Browser) -> None:  # the base class opens the page of a session
+        self._browser = browser
+        self.page = browser.new_page(viewport=PHONE)
+        self.page.set_default_timeout(1000 * PAGE_TIMEOUT_S)
+
+    def choose(self, text: str) -> None:
+        """Choose the button or link with a text of the participant's page. Before it, axe checks the page."""
+        chosen = self.page.get_by_role("button", name=TEXTS[text], exact=True)
+        chosen = chosen.or_(self.page.get_by_role("link", name=TEXTS[text], exact=True))
+        expect(chosen).to_be_visible()
+        assert violations(self.page) == [], text
+        chosen.click()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A hosted study with the headset check and one trial of 2 s."""
+    folder = make_study(
+        tmp_path / "study",
+        tasks='["Feeding"]',
+        robots='["Jaco"]',
+        policies='["mine"]',
+        practice_policy='""',
+        trial_steps="20",
+        free_movement_s="0.5",
+    )
+    environment = next(name for name, pair in ENVIRONMENTS.items() if pair == ("Feeding", "Jaco"))
+    (folder / "mine").mkdir()
+    constant_policy(environment).save(folder / "mine" / "FeedingJaco.safetensors")
+    (folder / "host.toml").write_text('[completed]\ncode = "DONE-7"\n')
+    return folder
+
+
+def test_participant_at_home_from_the_link_to_the_code(
+    folder: Path, browser: Browser, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(SessionPool.__init__.__kwdefaults__ or {}, "run", run_slow_session)
+    headset = HomeHeadset(browser)
+    with Store(folder) as store, Host(store) as host:
+        served = Served(host)
+        headset.page.goto(f"{host.origin}/?emulate=1#invitation={served.invite()}")
+        headset.choose("host_take_part")
+        headset.choose("host_agree")
+        for question in store.design.inclusion:
+            group = headset.page.get_by_role("group", name=question.text)
+            group.get_by_label(TEXTS["host_yes" if question.required else "host_no"]).check()
+        headset.choose("host_send")
+        headset.choose("host_safe")
+        headset.choose("host_start")
+        skip_drawing(headset)
+        headset.choose("host_enter")
+        watch_session(browser, host)
+        attend(headset)
+        headset.page.get_by_role("link", name=TEXTS["host_own_page"]).click()
+        expect(headset.page.get_by_text(TEXTS["host_your_code"].format(code="DONE-7"))).to_be_visible()
+        assert violations(headset.page) == []
+        assert [each.state for each in store.participants()] == ["completed"]
+        assert [(each.item, each.value) for each in store.answers("sub-001")] == [*ANSWERS.items()]
+        assert store.sessions("sub-001")[0].latest_headset_check is not None
+        assert [each for each in check_study(store) if each.is_error] == []
+
+
+def attend(headset: EmulatedHeadset) -> None:
+    """Take part in the session: headset check, calibration, one trial, and its questions."""
+    participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
+    headset.page.wait_for_function("() => window.avrgymEmulator !== undefined")
+    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    headset.enter_vr()
+    finish_phases(headset, "headset")
+    headset.page.wait_for_function("() => window.avrgymEmulator.phase().name === 'headset_stop'")
+    headset.press_menu("left")
+    for item in ("haptics", "sound"):
+        wait_for_buttons(headset, item)
+        headset.select_answer(1)
+    finish_phases(headset, "headset", *SEATING)
+    for item, value in ANSWERS.items():
+        wait_for_buttons(headset, item)
+        headset.select_answer(value)
+    wait_for_buttons(headset, "confirm")
+    headset.select_answer(DONE_BUTTON)
+    wait_for_phase(headset, "finished")
+
+
+def watch_session(browser: Browser, host: Host) -> None:
+    """The experimenter opens the session from the page of all sessions, and the page of all participants."""
+    page = browser.new_page(viewport=DESKTOP)
+    page.goto(host.experimenter_url)
+    with page.expect_popup() as opened:
+        page.get_by_role("link", name="Open the session of sub-001").click()
+    watched = opened.value
+    expect(watched.locator("#status-words")).to_contain_text("Connected")
+    expect(watched.get_by_role("button", name="End session")).to_be_enabled()
+    watched.close()
+    page.get_by_role("link", name="Participants").click()
+    expect(page.get_by_role("row", name="sub-001")).to_contain_text("allocated")
+    expect(page.locator("#session")).to_be_hidden()
+    assert violations(page) == []
+    page.close()
+
+
+def session_rows() -> list[dict]:
+    """Twelve sessions, as the experimenter's server describes them."""
+    phases = ("headset", "calibration", "trial", "questionnaire")
+    return [
+        {
+            "id": f"{number:024x}",
+            "participant": f"sub-{number:03}",
+            "state": "running",
+            "phase": phases[number % 4],
+            "trial": number,
+            "trials": 16,
+            "connected": number != 5,
+            "paused": number == 7,
+            "minutes": 3.0 * number,
+            "latency_ms": None if number == 1 else 20.0 + 9.0 * number,
+            "untracked_share": 0.001 * number,
+            "missed_ticks": number,
+            "cpu_share": 0.25,
+            "crashes": number // 9,
+            "warnings": ["the participant is not connected"] if number == 5 else [],
+        }
+        for number in range(1, 13)
+    ]
+
+
+@pytest.mark.parametrize("size", [PHONE, DESKTOP], ids=["phone", "desktop"])
+def test_page_of_twelve_sessions_is_accessible(browser: Browser, size: ViewportSize, tmp_path: Path) -> None:
+    view = {
+        "title": "A study at home",
+        "is_open": True,
+        "capacity": 12,
+        "session_cpu_share": 0.25,
+        "missed_share": 0.001,
+        "waiting": 3,
+        "participants": {"allocated": 15, "completed": 20, "withdrawn": 2},
+        "copies_requested": ["sub-004"],
+        "sessions": session_rows(),
+    }
+    page: Page = browser.new_page(viewport=size)
+    staged = StagedPage(page, [])
+    staged.answers["api/sessions"] = lambda: view
+    staged.open("host.html")
+    expect(page.get_by_role("heading", name="sub-012")).to_be_visible()
+    assert violations(page) == []
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+    page.screenshot(path=tmp_path / "sessions.png", full_page=True)
+    print(tmp_path / "sessions.png", json.dumps(size))
+    page.close()
