@@ -276,7 +276,7 @@ MAX_ITERATIONS = 50
 MAX_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """Length that is equivalent to one radian of a rotation error or of a joint's motion."""
-BLOCK_ROWS = 4096
+BLOCK_ROWS = 8192
 """Number of rows in one batch of computations. NumPy's call overhead is then small, and the data fit into the cache."""
 
 
@@ -320,10 +320,11 @@ def inverse_kinematics(
         poses = _poses(chain, now)
         error = _error(poses, target.take(rows, axis=-1), metres_per_radian)
         left[:, rows] = norm(error[:3]), norm(error[3:])
-        going = (norm(error) > tolerance) & (steps[rows] < iterations)
-        after = _step(now, limits[..., None], units, _scaled_jacobian(poses, metres_per_radian), error)
-        rows, done = rows[going], len(rows) - np.count_nonzero(going)
-        angles[:, rows] = after[:, going]
+        (going,) = np.nonzero((norm(error) > tolerance) & (steps[rows] < iterations))
+        j, done = _scaled_jacobian(poses, metres_per_radian), len(rows) - len(going)
+        if done:
+            rows, (now, error, j) = rows[going], (each.take(going, axis=-1) for each in (now, error, j))
+        angles[:, rows] = _step(now, limits[..., None], units, j, error)
         steps[rows] += 1
         rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
     found = np.clip(rows_first(angles), chain.lower_limit, chain.upper_limit)

@@ -43,17 +43,22 @@ class RegionForceSensors:
     def __init__(self, model: mujoco.MjModel, sensordata: FloatArray) -> None:
         self._sensordata = sensordata
         sensors = [model.sensor(_sensor(geom)) for geom in REGION_INDEX_OF_GEOM]
-        self._columns = np.stack(
-            [int(sensor.adr[0]) + np.arange(int(sensor.dim[0])) for sensor in sensors]
-        ).reshape(len(sensors), -1, 3)
+        first, size = int(sensors[0].adr[0]), int(sensors[0].dim[0])
+        self._columns = slice(first, first + len(sensors) * size)
+        self._shape = len(sensors), size // 3, 3
         self._first_of_region = np.searchsorted(
             [*REGION_INDEX_OF_GEOM.values()], np.arange(len(BODY_REGIONS))
         )
 
     def read_forces_n(self) -> FloatArray:
         """Returns the contact forces (N, R) by region, in newtons: sums of the magnitudes of all contact forces."""
-        on_geoms = norm(self._sensordata[:, self._columns]).cumsum(axis=-1)[..., -1]
-        return np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
+        contacts_n = self._sensordata[:, self._columns]
+        force_n = np.zeros((len(contacts_n), len(BODY_REGIONS)))
+        touched = np.flatnonzero(contacts_n.any(axis=-1))
+        if len(touched):
+            on_geoms = norm(contacts_n[touched].reshape(-1, *self._shape)).cumsum(axis=-1)[..., -1]
+            force_n[touched] = np.add.reduceat(on_geoms, self._first_of_region, axis=-1)
+        return force_n
 
 
 @dataclass(frozen=True)

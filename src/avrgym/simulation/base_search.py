@@ -196,13 +196,16 @@ def _score(
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
-    at, angles = _rows(bases, rows), arms.joint_positions[rows]
-    isotropy[rows] = kinematics.isotropy(chain, angles)
-    for goal in range(goal_pos_w.shape[1]):
-        goal_q = None if goal_q_w is None else goal_q_w[world[rows], goal]
-        arrived, freedom = _arrive(chain, at, angles, goal_pos_w[world[rows], goal], goal_q)
-        goals_reached[rows] += arrived
-        isotropy[rows] += freedom
+    shape = goal_pos_w.shape[1], len(rows)
+    goals, number = np.tile(rows, shape[0]), np.repeat(np.arange(shape[0]), shape[1])
+    goal_q = None if goal_q_w is None else goal_q_w[world[goals], number]
+    arrived, freedom = _arrive(
+        chain, _rows(bases, goals), arms.joint_positions[goals], goal_pos_w[world[goals], number], goal_q
+    )
+    goals_reached[rows] = arrived.reshape(shape).sum(axis=0)
+    isotropy[rows] = kinematics.isotropy(chain, arms.joint_positions[rows])
+    for each in freedom.reshape(shape):
+        isotropy[rows] += each
     error = arms.position_error_m + METRES_PER_RADIAN * arms.rotation_error_rad
     return CandidateScores(reached, error, goals_reached, isotropy)
 
