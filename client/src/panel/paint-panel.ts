@@ -187,7 +187,7 @@ export function paint(
     else if (content.text) paintText(context, content);
     paintActions(context, content.texts, buttons, hovered);
   }
-  if (content.notice) paintNotice(context, content.notice);
+  if (content.notice) paintNotice(context, content.notice, buttons);
 }
 
 const SYMBOLS: Readonly<Record<CommandLabel["name"], string>> = {
@@ -396,8 +396,14 @@ function paintLabel(context: Context, label: string): void {
   paintLine(context, label, WIDTH / 2, 86, `${LABEL}px ${FONT}`, palette.quiet, "center");
 }
 
-function paintNotice(context: Context, notice: string): void {
-  const boxes = NOTICE_HEIGHTS.map((height) => ({ x: 24, y: HEIGHT - 24 - height, width: WIDTH - 48, height }));
+/** Paints a notice in the tallest band of the panel without buttons. */
+function paintNotice(context: Context, notice: string, buttons: Box[]): void {
+  const ends = [0, ...buttons.map(({ y, height }) => y + height)];
+  const bands = ends.map((top) => [top, Math.min(HEIGHT, ...buttons.map(({ y }) => y).filter((y) => y >= top))] as const);
+  const free = bands.filter(([top, bottom]) => !buttons.some(({ y, height }) => y < bottom && y + height > top));
+  const [top, bottom] = free.reduce((best, band) => (band[1] - band[0] > best[1] - best[0] ? band : best), [0, 0] as const);
+  const heights = NOTICE_HEIGHTS.filter((height, at) => at === 0 || height + 48 <= bottom - top);
+  const boxes = heights.map((height) => ({ x: 24, y: bottom - 24 - height, width: WIDTH - 48, height }));
   const fits = (box: Box) => fittingSize(context, notice, padded(box), NOTICE, 600) === NOTICE;
   const box = boxes.find(fits) ?? boxes.at(-1)!;
   roundedBox(context, box, 36);

@@ -29,11 +29,15 @@ function notingCanvas(): { context: CanvasRenderingContext2D; written: Map<strin
   return { context, written };
 }
 
+const NOTHING: PanelContent = {
+  ...{ texts: ENGLISH_TEXTS, label: "", text: "", secondsLeft: null, question: null, body: null, answered: null, notice: null },
+  ...{ confirms: false, again: false, rests: false, prefers: false, goesOn: false, staged: false, segment: null },
+};
+
 /** The height of the smallest letters' squares, degrees, on the panel at its farthest. */
 function smallestDeg(content: Partial<PanelContent>): number {
   const { context, written } = notingCanvas();
-  const nothing = { label: "", text: "", secondsLeft: null, question: null, body: null, answered: null, notice: null };
-  const whole: PanelContent = { ...nothing, texts: ENGLISH_TEXTS, confirms: false, again: false, rests: false, prefers: false, goesOn: false, staged: false, segment: null, ...content };
+  const whole: PanelContent = { ...NOTHING, ...content };
   paint(context, whole, buttonsOf(whole), null);
   const pixel_m = (2 * PANEL_HALF_M.x) / WIDTH;
   return (Math.min(...written.values()) * pixel_m * 180) / Math.PI / FARTHEST_M;
@@ -56,6 +60,26 @@ const SAID = Object.values(LANGUAGES).flatMap((texts) => Object.entries(texts));
 
 /** In a headset's pixels. */
 const smallest = (content: Partial<PanelContent>) => PIXELS_PER_DEGREE * smallestDeg(content);
+
+describe("a notice", () => {
+  const contents: Partial<PanelContent>[] = [
+    ...[{}, { again: true }, { confirms: true }, { goesOn: true, prefers: true }, { rests: true }].map((each) => ({ text: "Oh", ...each })),
+    ...[3, 7, 21, 100].map((points) => ({ question: { ...QUESTION, points }, text: QUESTION.text })),
+    { text: "Oh", goesOn: true, body: { type: "body", sex: "woman", skin_tone: "fair", skin_tones: ["fair", "dark"], skin_tones_rgb: [[1, 1, 1], [0, 0, 0]] } },
+  ];
+
+  it.each(contents)("covers no button: %o", (content) => {
+    const { context } = notingCanvas();
+    const whole: PanelContent = { ...NOTHING, ...content, notice: "x".repeat(200) };
+    let top = 0;
+    let bottom = 0;
+    context.roundRect = (_x: number, y: number, _width: number, height: number) => void ([top, bottom] = [y, y + height]);
+    paint(context, whole, buttonsOf(whole), null);
+    expect(top).toBeGreaterThanOrEqual(0);
+    expect(bottom - top).toBeGreaterThanOrEqual(128);
+    for (const { y, height } of buttonsOf(whole)) expect(bottom < y || top > y + height).toBe(true);
+  });
+});
 
 describe("the smallest texts on the panel", () => {
   it("are 23 pixels of a headset high where they say what to do, and 20 above a countdown", () => {
