@@ -3,6 +3,7 @@
 import shutil
 import sys
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -13,17 +14,20 @@ pytest.importorskip("moto", reason="moto is a package for developers")
 
 from avrgym.analysis.study import analyse_study
 from avrgym.cli.replay import replay
-from avrgym.recording.answers_file import append_answer, read_answers
+from avrgym.recording.answers_file import answers_path, append_answer, read_answers
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.checks import check_object_store, check_participants, check_stray_files
 from avrgym.study.export import export_study
 from avrgym.study.export.participant_archive import write_participant_archive
 from avrgym.study.merge.merging import merge_studies
 from avrgym.study.people.deletion import delete_participant
-from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE
+from avrgym.study.sessions.threads import SessionMonitor
+from avrgym.study.sessions.visit import EventRecorder, StudyVisit
+from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE, ObjectStore
 from avrgym.study.storage.remote_recordings import RecordingUploads, fetch_recordings
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
+from avrgym.vr.session.events import Answered, TrialBegun, TrialEnded
 from helpers.studies.object_store_server import ADDRESS, object_store_server, set_object_store
 from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 from helpers.system.processes import free_port
@@ -161,6 +165,36 @@ def test_an_unreachable_object_store_delays_uploads_and_loses_nothing(
             assert store.object_store.sizes() == {name: len(content) for name, content in files.items()}
             assert _errors(store) == []
         assert _files(store) == files
+
+
+def test_recordings_of_a_temporary_copy_are_uploaded_before_their_attempts_end(
+    uploaded: tuple[Store, dict[str, bytes]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The folder may be lost with its computer as soon as the attempt is stored."""
+    with Store(small_study(tmp_path / "copy"), temporary=True) as store:
+        pseudonym, states = enrol_with_consent(store), list[str]()
+        remote = store.object_store
+        assert remote is not None
+
+        def upload(name: str, path: Path) -> int:
+            states.append(store.attempts(pseudonym)[-1].state)
+            return ObjectStore.upload(remote, name, path)
+
+        monkeypatch.setattr(remote, "upload", upload)
+        with StudyVisit(store, pseudonym) as visit, closing(SessionMonitor(store, visit.stored.id)) as watch:
+            record_event = EventRecorder(store, visit.stored, visit.trials, watch)
+            number = 1 + next(index for index, trial in enumerate(visit.trials) if not trial.practice)
+            recording = store.absolute_path(f"{visit.stored.recordings_folder}/trial-02_attempt-1.mcap")
+            recording.parent.mkdir(parents=True)
+            recording.write_bytes(next(iter(uploaded[1].values())))
+            record_event(TrialBegun(0.0, number, 1, recording))
+            record_event(TrialEnded(4.0, number, 1, recording, "completed", True, 3, -1.5, True))
+            answer = Answer("L1", 3, 1.0)
+            append_answer(recording, answer)
+            record_event(Answered(5.0, number, 1, answer))
+        assert states == ["running", "completed", "completed"]
+        for path in (recording, answers_path(recording)):
+            assert remote.sizes()[path.relative_to(store.folder).as_posix()] == path.stat().st_size
 
 
 def test_a_missing_extra_names_its_installation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,10 +89,13 @@ class EmulatedParticipant:
 
         while True:
             try:
-                stage = (await web.get("/api/stage", headers=own)).json()["stage"]
+                response = await web.get("/api/stage", headers=own)
             except httpx.TransportError:  # the host starts again
                 await asyncio.sleep(POLL_S)
                 continue
+            if response.is_error:
+                raise httpx.HTTPError(f"{response.status_code}: {response.text}")
+            stage = response.json()["stage"]
             match stage["type"]:
                 case "consent":
                     await act("consent", version=stage["version"], sha256=stage["sha256"], agreed=True)

@@ -14,7 +14,6 @@ from helpers.system.processes import free_port
 os.environ["RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO"] = "0"
 os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
 os.environ["RAY_worker_niceness"] = "0"  # noqa: SIM112  as Ray spells it
-os.environ["RAY_raylet_start_wait_time_s"] = "180"  # noqa: SIM112
 
 _PORTS = (
     "metrics_agent_port",
