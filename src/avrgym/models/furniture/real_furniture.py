@@ -67,11 +67,11 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return self.height_offset_m(posture) + torso_height_m * (real - virtual) + self.head_rise_m(posture)
 
     def head_rise_m(self, posture: Posture) -> float:
-        """Returns the height in metres by which the headrest lifts the head; 0 for an upright back."""
+        """Returns the rise of the head by the headrest, in metres; 0 for an upright back."""
         return self.headrest_m * cos(radians(self.backrest_deg(posture)))
 
     def head_forward_m(self, posture: Posture) -> float:
-        """Returns the horizontal distance in metres by which the headrest moves the head forward."""
+        """Returns the horizontal displacement of the head by the headrest, in metres; forward is positive."""
         return self.headrest_m * sin(radians(self.backrest_deg(posture)))
 
     def describe(self, *, seated: bool) -> str:
