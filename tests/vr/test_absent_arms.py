@@ -12,6 +12,7 @@ from avrgym.models.human import ARM_BODIES, BODIES, GEOMS, Person, bind_frames
 from avrgym.models.human_shape import skin_meshes
 from avrgym.policies import registry
 from avrgym.recording.input_profile import InputProfile
+from avrgym.replay.timeline import recorded_scene_parameters
 from avrgym.replay.verification import verify
 from avrgym.safety.limits import REGION_INDEX_OF_GEOM
 from avrgym.safety.retreat import Retreat
@@ -93,6 +94,7 @@ def test_a_session_records_the_absent_arm_and_replays(tmp_path: Path) -> None:
     assert not any(each.left_touched for each in visit.received(Feedback))
     (recording,) = visit.recordings()
     assert recording.configuration.start_person.absent_arms == ("left",)
+    assert recorded_scene_parameters(recording)[1].absent_arms == ("left",)
     assert verify(recording).identical
 
 

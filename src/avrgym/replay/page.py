@@ -9,6 +9,7 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
 from avrgym.replay.packing import POSE_RESOLUTION, pack_poses
@@ -96,9 +97,13 @@ def _packed(trials: Sequence[ReplayedTrial]) -> PageData:
 
 
 def _scene_number(recording: Recording, recordings: Sequence[Recording]) -> int:
-    """Returns the index of the first recording with the same environment and person. Its scene is the same."""
-    looks = [(each.configuration.environment, each.configuration.person) for each in recordings]
-    return looks.index((recording.configuration.environment, recording.configuration.person))
+    """Returns the index of the first recording with the same environment, settings and person, and the same scene."""
+    looks = [_appearance(each.configuration) for each in recordings]
+    return looks.index(_appearance(recording.configuration))
+
+
+def _appearance(trial: TrialConfiguration) -> tuple[object, ...]:
+    return trial.environment, trial.settings, trial.person, trial.input_profile.absent_arms
 
 
 def _deflated(data: bytes) -> str:

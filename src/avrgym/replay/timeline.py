@@ -121,12 +121,11 @@ def export_recorded_scene(recording: Recording) -> bytes:
 
 def recorded_scene_parameters(recording: Recording) -> tuple[str, Person, Settings]:
     """Returns the environment id of a recording, its person in the rest pose, and its settings."""
-    configuration = recording.configuration
-    person = Person(**msgspec.structs.asdict(configuration.person))
+    trial = recording.configuration
     return (
-        configuration.environment,
-        resting_person(configuration.environment, person, configuration.settings),
-        configuration.settings,
+        trial.environment,
+        resting_person(trial.environment, trial.start_person, trial.settings),
+        trial.settings,
     )
 
 
