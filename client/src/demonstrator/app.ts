@@ -1,4 +1,4 @@
-import { Mesh, MeshBasicMaterial, SphereGeometry } from "three";
+import { Mesh, MeshBasicMaterial, SphereGeometry, type PerspectiveCamera } from "three";
 import { OperatorControl } from "../input/operator-control";
 import { PRESENTATION } from "../input/input-profile";
 import { CaptionPlane } from "../panel/caption";
@@ -14,6 +14,7 @@ import { StateDecoder, type State } from "../session/state-decoder";
 import { vrUnavailableReason, XRSessionManager } from "../session/xr-session";
 import { BACKLOG_LIMIT_BYTES, Reader, Throttle, type Poses } from "../tracking/pose-reader";
 import { ControlReader, episodeButton, ForceHaptics, steerMessage, type Controls } from "./steering";
+import { CameraPicture } from "./camera-picture";
 import { countText, stageText } from "./progress-texts";
 import { Viewpoint } from "./viewpoint";
 import type { DemonstrationButton, DemonstrationProgress, Scene, ServerMessage, Status } from "../generated/messages";
@@ -39,11 +40,15 @@ export class DemonstratorApp {
   private readonly controls = new ControlReader();
   private readonly throttle = new Throttle();
   private readonly caption = new CaptionPlane();
+  private readonly picture = new CameraPicture();
   private readonly haptics: ForceHaptics;
   private readonly marker = new Mesh(new SphereGeometry(MARKER_RADIUS_M), new MeshBasicMaterial({ color: IDLE_COLOUR }));
   private operated = false;
   private clutched = false;
   private lastMs = 0;
+  /** Whether the page shows the view of the robot's camera. */
+  private fromRobot = false;
+  private camera: PerspectiveCamera | null = null;
 
   constructor(
     private readonly token: string,
@@ -70,9 +75,10 @@ export class DemonstratorApp {
     const { root } = this.world;
     root.add(createRoom(detail));
     if (detail.lighting) this.view.reflect(root);
-    this.view.scene.add(root, this.caption.mesh, this.marker);
+    this.view.scene.add(root, this.caption.mesh, this.picture.mesh, this.marker);
     this.view.placeSpectator(root);
     element("enter").addEventListener("click", () => void this.toggleVR());
+    element("camera").addEventListener("click", () => this.setFromRobot(!this.fromRobot));
     for (const button of BUTTONS) element(button).addEventListener("click", () => this.press(button));
   }
 
@@ -157,7 +163,23 @@ export class DemonstratorApp {
     element("enter").textContent = presenting ? "Leave VR" : "Enter VR";
     this.marker.visible = presenting;
     this.release();
+    this.picture.show(null);
     if (!presenting) this.view.placeSpectator(this.world.root);
+  }
+
+  private setFromRobot(on: boolean): void {
+    this.fromRobot = on;
+    element("camera").setAttribute("aria-pressed", String(on));
+  }
+
+  /** Uses the robot's camera of the present scene, on the page or in VR. */
+  private useRobotCamera(): void {
+    const { wristCamera } = this.world;
+    this.picture.render(this.view.renderer, this.view.scene, wristCamera);
+    const camera = this.fromRobot && !this.presenting ? wristCamera : null;
+    if (camera === this.camera) return;
+    this.camera = camera;
+    this.view.useCamera(camera, camera?.fov);
   }
 
   private press(button: DemonstrationButton): void {
@@ -183,12 +205,14 @@ export class DemonstratorApp {
     this.lastMs = timeMs;
     this.framesDrawn++;
     this.world.update(timeMs, null, 0);
+    this.useRobotCamera();
     this.view.render();
   }
 
   private steer(timeMs: number, frame: XRFrame, poses: Poses): void {
     const controls = this.controls.read(frame.session.inputSources);
     if (poses.head) this.place(poses.head, controls, (timeMs - this.lastMs) / 1000);
+    if (controls.toggledCamera) this.picture.show(this.picture.shown ? null : poses.head);
     const clutch = controls.clutch && this.session.visibility === "visible";
     if (clutch !== this.clutched) this.setClutched(clutch);
     const open = this.connection.connected && this.connection.backlog <= BACKLOG_LIMIT_BYTES;

@@ -3,6 +3,7 @@ import { findSource, type Poses } from "../tracking/pose-reader";
 
 export type Hand = "left" | "right";
 
+const TRIGGER = 0;
 const GRIP = 1;
 const STICK_PRESS = 3;
 const ACCEPT = 4;
@@ -25,6 +26,7 @@ export interface Controls {
   accepted: boolean;
   rejected: boolean;
   nextView: boolean;
+  toggledCamera: boolean;
 }
 
 /** Reads clutch, buttons and sticks of both controllers. */
@@ -37,7 +39,7 @@ export class ControlReader {
     const pressed = (index: number) => HANDS.some((hand) => pads.get(hand)?.buttons[index]?.pressed);
     const held = (hand: Hand) => !!pads.get(hand)?.buttons[GRIP]?.pressed;
     if (!held(this.hand)) this.hand = HANDS.find(held) ?? this.hand;
-    const down = new Set([STICK_PRESS, ACCEPT, REJECT].filter(pressed));
+    const down = new Set([TRIGGER, STICK_PRESS, ACCEPT, REJECT].filter(pressed));
     const isNew = (index: number) => down.has(index) && !this.down.has(index);
     const controls: Controls = {
       hand: this.hand,
@@ -47,6 +49,7 @@ export class ControlReader {
       accepted: isNew(ACCEPT),
       rejected: isNew(REJECT),
       nextView: isNew(STICK_PRESS),
+      toggledCamera: isNew(TRIGGER),
     };
     this.down = down;
     return controls;

@@ -6,6 +6,7 @@ import {
   Mesh,
   MeshStandardMaterial,
   type Object3D,
+  PerspectiveCamera,
   Quaternion,
   SkinnedMesh,
   SphereGeometry,
@@ -59,6 +60,8 @@ export class SceneContent {
   private readonly heads: Material[] = [];
   private readonly faded = new Map<Material, Material>();
   readonly surfaces: SurfacePoints;
+  /** The camera at the robot's wrist. */
+  wristCamera: PerspectiveCamera | null = null;
 
   constructor(
     readonly group: Group,
@@ -67,7 +70,10 @@ export class SceneContent {
     for (const node of [...group.children]) this.take(node);
     this.surfaces = new SurfacePoints(group);
     this.addMarks();
-    group.traverse(prepare);
+    group.traverse((node) => {
+      prepare(node);
+      if (node instanceof PerspectiveCamera) this.wristCamera = node;
+    });
   }
 
   place(poses: Poses): void {

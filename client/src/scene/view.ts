@@ -57,6 +57,7 @@ export class View {
   private readonly spectator = new PerspectiveCamera(45, 1, 0.05, 30);
   private readonly controls: OrbitControls;
   private borrowed: PerspectiveCamera | null = null;
+  private borrowedAngle = EYES_ANGLE;
   private pictures = 0;
 
   constructor(
@@ -93,7 +94,7 @@ export class View {
       timesAsHigh(height / (free.bottom - free.top), SCENE_ANGLE),
       timesAsHigh(height / (free.right - free.left), SCENE_WIDTH_ANGLE),
     );
-    if (this.borrowed) this.borrowed.fov = timesAsHigh(Math.max(height / width, 1), EYES_ANGLE);
+    if (this.borrowed) this.borrowed.fov = timesAsHigh(Math.max(height / width, 1), this.borrowedAngle);
     for (const camera of [this.spectator, this.borrowed]) {
       if (!camera) continue;
       camera.aspect = width / height;
@@ -117,9 +118,10 @@ export class View {
     this.controls.update();
   }
 
-  /** Shows the view of this camera, or the spectator's (null). */
-  useCamera(camera: PerspectiveCamera | null): void {
+  /** Shows the view of this camera, or the spectator's (null). `angle`: field of view across the shorter side, degrees. */
+  useCamera(camera: PerspectiveCamera | null, angle = EYES_ANGLE): void {
     this.borrowed = camera;
+    this.borrowedAngle = angle;
     this.fit();
   }
 

@@ -1,4 +1,4 @@
-import { Group, Quaternion, Vector3 } from "three";
+import { Group, Quaternion, Vector3, type PerspectiveCamera } from "three";
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { BareHands, NO_TRACKED_HANDS, type TrackedHands } from "../body/bare-hands";
 import { SceneContent } from "./scene-content";
@@ -124,6 +124,11 @@ export class World {
     const at = (this.shown?.bodies.indexOf(TOOL) ?? -1) * POSE;
     if (at < 0 || this.drawn[at + 3] === 0) return null;
     return this.root.localToWorld(new Vector3().fromArray(this.drawn, at));
+  }
+
+  /** The camera at the robot's wrist; null before the first frame. */
+  get wristCamera(): PerspectiveCamera | null {
+    return this.content?.wristCamera ?? null;
   }
 
   /** The simulation time of the last frame. */

@@ -87,6 +87,8 @@ test("a held button acts once, and accepts by the stage", () => {
   reader.read(sources({ left: {}, right: {} }));
   expect(episodeButton(reader.read(down), true)).toBe("success");
   expect(episodeButton(reader.read(sources({ left: { pressed: [5] }, right: {} })), true)).toBe("discard");
+  const trigger = sources({ left: { pressed: [0] }, right: {} });
+  expect([1, 2].map(() => reader.read(trigger).toggledCamera)).toEqual([true, false]);
 });
 
 test("the message has the pose of the steering hand, or none", () => {

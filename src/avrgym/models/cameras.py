@@ -179,17 +179,24 @@ def add_cameras(
             body, pos, fovy_deg = spec.worldbody, view.pos_w, SCENE_CAMERA_FOVY_DEG
             q = camera_rotation(view.target_w - view.pos_w, [0.0, 0.0, 1.0])
         elif camera.name == WRIST_CAMERA:
-            body, pos, fovy_deg = (
-                spec.body(SCENE_TOOL_BODY),
-                scene.tool.grip_pos + WRIST_CAMERA_OFFSET_M,
-                WRIST_CAMERA_FOVY_DEG,
-            )
-            q = camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0])
+            add_wrist_camera(spec, scene, camera.fovy_deg)
+            continue
         else:
             mount = scene.robot.cameras[camera.name]
             body, pos, fovy_deg = spec.body(robot.PREFIX + mount.body), mount.pos_m, mount.fovy_deg
             q = camera_rotation(mount.forward, mount.up)
         body.add_camera(name=camera.name, pos=pos, quat=q, fovy=camera.fovy_deg or fovy_deg)
+
+
+def add_wrist_camera(spec: mujoco.MjSpec, scene: SceneConfig, fovy_deg: float | None = None) -> None:
+    """Add the wrist camera to the model of a scene. ``fovy_deg``: vertical field of view; default: the real one."""
+    pos = scene.tool.grip_pos + WRIST_CAMERA_OFFSET_M
+    spec.body(SCENE_TOOL_BODY).add_camera(
+        name=WRIST_CAMERA,
+        pos=pos,
+        quat=camera_rotation(WRIST_CAMERA_TARGET_M - pos, [0.0, 0.0, 1.0]),
+        fovy=fovy_deg or WRIST_CAMERA_FOVY_DEG,
+    )
 
 
 def camera_rotation(forward: Sequence[float] | FloatArray, up: Sequence[float] | FloatArray) -> FloatArray:

@@ -10,6 +10,7 @@ from typing import ParamSpec, TypeVar
 
 import mujoco
 
+from avrgym.models.cameras import add_wrist_camera
 from avrgym.models.human import Person
 from avrgym.models.scene import build_scene_spec
 from avrgym.system.child_processes import block_terminal_signals, exit_with_parent
@@ -36,9 +37,11 @@ def export_scene(environment_id: str, person: Person, settings: Settings = DEFAU
 def model_with_appearance(
     environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS
 ) -> mujoco.MjModel:
-    """Returns the model of an environment with a person, including materials and textures."""
+    """Returns the model of an environment with a person, including materials, textures and the wrist camera."""
     _, scene = task_and_scene(environment_id, settings)
-    return build_scene_spec(scene, person, moving=True, appearance=True).compile()
+    spec = build_scene_spec(scene, person, moving=True, appearance=True)
+    add_wrist_camera(spec, scene)
+    return spec.compile()
 
 
 class SceneExporter:

@@ -2,11 +2,13 @@
 
 Nodes are in the world frame, z up. The field ``extras`` of a node contains the bodies that move it:
 
-- ``body``: the node follows this body. Bodies that are fixed to each other share a node.
+- ``body``: the node follows this body. Bodies that are fixed to each other share a node; the tool has its own.
 - ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
 - ``bodies``: the mesh is instanced at each of these bodies.
 - ``vertices``: the mesh is a cloth; each vertex is at one of these bodies.
 - ``skin_of``: the mesh is skinned; this body has the largest weight.
+
+A camera of the model is a child of its body's node.
 
 Colours are vertex colours, computed from geom and material as in MuJoCo. All geoms of a node with the same
 ``SurfaceMaterial`` are one mesh. This reduces the number of draw calls and the rendering time on a headset.
@@ -31,6 +33,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.colours import geom_colours, linear_from_srgb, texture_index, texture_pixels
+from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.vr.scene.geom_meshes import geom_mesh, pose_matrix
 from avrgym.vr.scene.glb_writer import GlbWriter
 from avrgym.vr.scene.skins import Bone, Skin, add_cap, merge_skins, read_skins
@@ -113,7 +116,25 @@ class _Export:
             for finish, pieces in self._by_finish(body, geoms).items()
             for mesh, scale in [self._add_mesh(pieces, finish)]
         ]
-        self._add_root(body, children=children)
+        self._add_root(body, children=[*children, *self._add_cameras(body)])
+
+    def _add_cameras(self, body: int) -> list[int]:
+        """Adds the cameras that are fixed to a body. Returns their nodes. The axes of GLB cameras are MuJoCo's."""
+        nodes: list[int] = []
+        for number in np.flatnonzero(self._model.cam_bodyid == body).tolist():
+            yfov = float(np.radians(self._model.cam_fovy[number]))
+            camera = self._glb.add_element(
+                "cameras", type="perspective", perspective={"yfov": yfov, "znear": 0.01}
+            )
+            w, x, y, z = self._model.cam_quat[number].tolist()
+            pos = self._model.cam_pos[number].tolist()
+            name = self._model.camera(number).name
+            nodes.append(
+                self._glb.add_element(
+                    "nodes", name=name, camera=camera, translation=pos, rotation=[x, y, z, w]
+                )
+            )
+        return nodes
 
     def _add_root(self, body: int, **content: object) -> int:
         name = self._model.body(body).name
@@ -285,9 +306,13 @@ def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 def _carrier(model: mujoco.MjModel, body: int) -> int:
     """Returns the topmost ancestor to which a body is fixed. Children of the world count as movable: episodes place
-    them.
+    them. The tool has its own node: clients highlight it.
     """
-    while model.body_jntnum[body] == 0 and model.body_parentid[body] != 0:
+    while (
+        model.body_jntnum[body] == 0
+        and model.body_parentid[body] != 0
+        and model.body(body).name != SCENE_TOOL_BODY
+    ):
         body = int(model.body_parentid[body])
     return body
 

@@ -1,0 +1,135 @@
+"""Two headsets in one world: a participant, and a caregiver who feeds them with the robot."""
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from avrgym.geometry import transforms
+from avrgym.recording.reader import read_recording
+from avrgym.replay.verification import verify
+from avrgym.safety.withdrawal import WITHDRAWAL_DRIVER
+from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
+from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
+from avrgym.vr.live_world.drivers import OperatorDriver
+from avrgym.vr.live_world.world import LiveWorld
+from avrgym.vr.protocol.messages import TICK_S, Steer
+from avrgym.vr.protocol.webxr import Pose, controller_pose
+from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
+from helpers.browser.journey import TIMEOUT_S, Journey, draw_triangles, skip_drawing, wait_until
+from helpers.vr.time_limits import set_limits
+from helpers.vr.visit import result
+
+pytestmark = pytest.mark.usefixtures("relaxed_limits")
+REST_M = np.array([0.2, 1.2, -0.5])
+"""Position of the caregiver's hand in their room while they do not drive."""
+STEPS = 200
+SLOW_MOTION = (
+    "avrgym.vr.server.real_time_loop:TICK_S=0.06",
+    "avrgym.vr.live_world.drivers:OPERATOR_TIMEOUT_S=2",
+)
+"""The world runs at a sixth of its speed, because the pages of a busy machine send few poses per second."""
+
+
+def caregivers_hand(steer: Steer) -> Pose:
+    """The pose of the simulated demonstrator's hand in the world."""
+    assert steer.grip is not None
+    pose = controller_pose(steer.grip, steer.xr_from_world)
+    assert pose is not None
+    return pose
+
+
+def is_near_mouth(world: LiveWorld) -> bool:
+    state = world.simulation.state()
+    return float(np.linalg.norm(state.mouth_pos_w[0] - state.tool_pos_w[0])) < 0.1
+
+
+class CaregiversHeadset(EmulatedHeadset):
+    """The page of the demonstrator, in the browser of another headset."""
+
+    def __init__(self, journey: Journey) -> None:
+        self._journey = journey
+        self.page = journey.headset._browser.new_page(viewport={"width": 640, "height": 360})
+        self.page.set_default_timeout(1000 * TIMEOUT_S)
+        skip_drawing(self)
+        address = journey.server.page_urls("demonstrator", journey.server.tokens.demonstrator)[0]
+        self.page.goto(address.replace("#", "?emulate=1#"))
+        self.page.wait_for_function("() => window.avrgymEmulator?.lastState()")
+        self.page.get_by_role("button", name="Robot's camera").click()
+        draw_triangles(self)
+        self.page.screenshot(path=journey.folder / "page.png")
+        self.page.evaluate("() => { window.drawsTriangles = false; }")
+        self.enter_vr()
+
+    def __exit__(self, *_: object) -> None:
+        self.page.close()
+
+    def feed(self) -> Iterator[None]:
+        """Follow the expert with the right hand until the trial is over. Yields after each motion."""
+        session = self._journey.session
+        world, driver = session.world, session._state.driver
+        assert isinstance(driver, OperatorDriver)
+        hand, ticks, first_tick = SimulatedDemonstrator(0), 0, world.ticks
+        hand.begin(world)
+        start = caregivers_hand(hand.steer(world, 0.0))
+        self.move(REST_M, transforms.IDENTITY_QUATERNION)
+        self.call_emulator("setSqueeze", "right", True)
+        wait_until(lambda: driver._clutch is not None)
+        assert driver._clutch is not None
+        x, y, z, w = driver._clutch[0].orientation
+        room_q = np.array([w, x, y, z])
+        while session.phase_name == "trial":
+            steer = None
+            while ticks < world.ticks - first_tick:
+                ticks += 1
+                steer = hand.steer(world, ticks * TICK_S)
+            if steer is None:
+                time.sleep(TICK_S)
+                continue
+            pose = caregivers_hand(steer)
+            turned = transforms.multiply(pose.q_w, transforms.conjugate(start.q_w))
+            room_turned = transforms.multiply(
+                transforms.multiply(room_q, turned), transforms.conjugate(room_q)
+            )
+            self.call_emulator("setSqueeze", "right", steer.clutch)
+            self.move(REST_M + transforms.rotate(room_q, pose.pos_w - start.pos_w), room_turned)
+            yield
+
+    def move(self, position: np.ndarray, q: np.ndarray) -> None:
+        w, x, y, z = q.tolist()
+        self.call_emulator(
+            "setPoses", {"right": {"position": position.tolist(), "orientation": [x, y, z, w]}}
+        )
+
+
+@pytest.mark.slow
+def test_a_caregiver_feeds_a_participant_in_the_same_world(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The recording names who drove each step, and replays bit by bit."""
+    set_limits(SLOW_MOTION, monkeypatch)
+    trial = TrialPlan("avrgym/FeedingJaco-v1", "operator", 3, practice=False, items=())
+    plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=STEPS, countdown_s=0.3)
+    with ExitStack() as opened:
+        journey = Journey(tmp_path, plan, load_policies(plan), opened, width=640, height=360)
+        journey.enter()
+        journey.calibrate()
+        caregiver = opened.enter_context(CaregiversHeadset(journey))
+        session = journey.session
+        wait_until(lambda: session.phase_name == "trial")
+        for _ in caregiver.feed():
+            if not (tmp_path / "caregiver.png").exists() and is_near_mouth(session.world):
+                caregiver.pull_trigger("left")
+                for name, headset in (("participant", journey.headset), ("caregiver", caregiver)):
+                    draw_triangles(headset)
+                    headset.screenshot(tmp_path / f"{name}.png")
+        wait_until(lambda: session.phase_name == "finished")
+    recording = read_recording(session.recordings[0])
+    steps = [step for _, step in recording.messages_by_topic["/control"]]
+    assert steps[-1].success
+    assert {"demonstrator", WITHDRAWAL_DRIVER} <= {step.driver for step in steps}
+    assert result(recording) == "completed"
+    assert verify(recording).identical
