@@ -64,9 +64,6 @@ class CaregiversHeadset(EmulatedHeadset):
         self.page.evaluate("() => { window.drawsTriangles = false; }")
         self.enter_vr()
 
-    def __exit__(self, *_: object) -> None:
-        self.page.close()
-
     def feed(self) -> Iterator[None]:
         """Follow the expert with the right hand until the trial is over. Yields after each motion."""
         session = self._journey.session
@@ -117,7 +114,8 @@ def test_a_caregiver_feeds_a_participant_in_the_same_world(
         journey = Journey(tmp_path, plan, load_policies(plan), opened, width=640, height=360)
         journey.enter()
         journey.calibrate()
-        caregiver = opened.enter_context(CaregiversHeadset(journey))
+        caregiver = CaregiversHeadset(journey)
+        opened.callback(caregiver.page.close)
         session = journey.session
         wait_until(lambda: session.phase_name == "trial")
         for _ in caregiver.feed():
