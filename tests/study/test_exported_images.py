@@ -118,6 +118,6 @@ def test_robomimic_and_lerobot_contain_the_images(tmp_path: Path, store: Store, 
 def test_cameras_that_cannot_be_exported_are_refused(tmp_path: Path, store: Store):
     with pytest.raises(StudyError, match="csv cannot contain images; allowed: hdf5, lerobot"):
         export_study(store, "csv", tmp_path / "csv", cameras=["wrist"])
-    with pytest.raises(StudyError, match="unknown camera 'eye'; Jaco has wrist, scene"):
+    with pytest.raises(StudyError, match="unknown camera 'eye' of robot Jaco; allowed: wrist, scene"):
         export_study(store, "hdf5", tmp_path / "hdf5", cameras=["eye"])
     assert not (tmp_path / "hdf5").exists()

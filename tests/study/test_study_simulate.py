@@ -188,7 +188,7 @@ def test_zoo_partners_take_part(tmp_path: Path) -> None:
         assert 0.25 <= traits.range_share < 1.0
     refused = study("simulate", folder, *asked)
     assert refused.exit_code == 1
-    assert "other people" in refused.output
+    assert "allowed: the same seed, people and motion" in refused.output
 
 
 def test_missing_policy_prevents_a_dry_run(tmp_path: Path) -> None:
@@ -271,6 +271,6 @@ def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
     fed = make_study(tmp_path / "fed", **DESIGN | {"tasks": '["Feeding"]', "policies": '["revised"]'})
     refused = study("simulate", fed, *asked)
     assert refused.exit_code == 1
-    assert "trained for avrgym/ScratchItchJaco-v1, not for avrgym/Feeding" in " ".join(refused.output.split())
+    assert "trained for avrgym/ScratchItchJaco-v1; for avrgym/FeedingJaco-v1" in " ".join(refused.output.split())
     with Store(fed) as store:
         assert store.participants() == []

@@ -83,7 +83,7 @@ def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     first, second = analysis.results()["trials"]
     assert (first["counted"], first["left_out"]) == (True, None)
     assert second["counted"] is False
-    assert "held for 100.0 % of the time" in second["left_out"]
+    assert "tracking was lost for 100.0 %" in second["left_out"]
     assert "max_held_share allows 30 %" in second["left_out"]
     assert [answer.position for answer in analysis.study_data.answers if answer.counted] == [1] * 4
     assert sum(row.trials for row in analysis.objective_outcomes if row.task == "Feeding") == 1

@@ -304,7 +304,7 @@ class ControlLoop:
             actions = None if hold or requested is None else self._commanded
         else:
             actions = self._zeros if hold else self._commanded
-        if self._change(actions):
+        if self._change(actions) or (hold and not self._was_held):
             self._note(hold)
 
     def _note(self, hold: bool) -> None:

@@ -29,8 +29,8 @@ _SCRIPT = """async ([glb, width, height, { position, target, degrees }]) => {
     for (const node of [...scene.children]) if (node.userData.bodies) node.removeFromParent();
     scene.traverse((node) => {
         if (!node.isMesh) return;
-        const { map, transparent, opacity } = node.material;
-        node.material = new three.MeshBasicMaterial({ map, transparent, opacity, vertexColors: true });
+        const { map, transparent, opacity, side } = node.material;
+        node.material = new three.MeshBasicMaterial({ map, transparent, opacity, side, vertexColors: true });
         node.frustumCulled = false;
     });
     const camera = new three.PerspectiveCamera(degrees, width / height, 0.01, 30);
