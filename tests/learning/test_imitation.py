@@ -33,7 +33,7 @@ def test_the_policy_acts_like_its_expert_with_new_people(imitated):
     for _ in range(40):
         observation = episodes.observe()
         demonstrated.append(expert(observation))
-        imitating.append(policy.mean(observation))
+        imitating.append(policy.mean_actions(observation))
         episodes.step(demonstrated[-1])
     error, size = (np.mean(np.square(part)) for part in (np.subtract(demonstrated, imitating), demonstrated))
     assert error < 0.5 * size

@@ -211,10 +211,10 @@ def test_memory_continues_between_windows():
 
 def test_demonstrations_are_the_teacher_s_actions():
     teacher, learner = (packaged(TINY.environment, kind) for kind in ("revised", "original"))
-    place = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
+    settings = WorldSettings(TINY.environment, TransferredFile.read(TINY.people), "none", 1, "threads")
     by_expert = np.array([True, False])
     shown = roll_out(
-        learner, RolloutRequest(place, 0, np.arange(2), expert_controlled=by_expert, teacher=teacher)
+        learner, RolloutRequest(settings, 0, np.arange(2), expert_controlled=by_expert, teacher=teacher)
     )
     for seen, done in zip(shown.observations[:-1], shown.actions, strict=True):
         assert_allclose(done, np.clip(Actor(teacher, 2).mean_actions(seen), -1.0, 1.0), atol=1e-4)
@@ -270,11 +270,11 @@ def test_training_starts_from_the_initial_policy(tmp_path):
 def test_the_overload_penalty_follows_the_most_loaded_region():
     environment, steps, seeds = "avrgym/FeedingPR2-v1", 40, [0, 1, 2]
     policy = packaged(environment, "revised")
-    place = WorldSettings(
+    settings = WorldSettings(
         environment, TransferredFile.read(JUMPING), "none", 1, "threads", episode_steps=steps
     )
     requests = [
-        RolloutRequest(place, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
+        RolloutRequest(settings, 0, np.array(seeds), overload_weight=weight) for weight in (0.0, 1.0, 3.0)
     ]
     free, once, thrice = (roll_out(policy, request) for request in requests)
     assert free.observations.tobytes() == once.observations.tobytes()
@@ -300,11 +300,11 @@ def test_force_beyond_the_limit_is_not_rewarded():
     """Scratching pays 2 for each newton of a scratch and 0.01 for each at the itch."""
     environment, steps, seeds, most = TINY.environment, 60, np.arange(2), 3.0
     policy = packaged(environment, "revised")
-    place = WorldSettings(
+    settings = WorldSettings(
         environment, TransferredFile.read("revised"), "none", 1, "threads", episode_steps=steps
     )
     free, limited = (
-        roll_out(policy, RolloutRequest(place, 0, seeds, max_rewarded_force_n=each))
+        roll_out(policy, RolloutRequest(settings, 0, seeds, max_rewarded_force_n=each))
         for each in (np.inf, most)
     )
     worlds, actor = Episodes(environment, 2, people="revised", num_threads=1), Actor(policy, 2)
@@ -326,11 +326,11 @@ def test_a_folder_without_training_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_withdrawal_gives_no_reward_and_demonstrates_waiting():
-    place = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
-    request = RolloutRequest(place, 0, np.array([3]), expert_controlled=np.array([True]))
+    settings = WorldSettings("avrgym/FeedingJaco-v1", TransferredFile.read("revised"), "none", 1, "threads")
+    request = RolloutRequest(settings, 0, np.array([3]), expert_controlled=np.array([True]))
     policy = packaged("avrgym/FeedingJaco-v1", "adaptive")
     goes_on = roll_out(policy, request)
-    waits = roll_out(policy, replace(request, place=replace(place, withdraw_after_success=True)))
+    waits = roll_out(policy, replace(request, settings=replace(settings, withdraw_after_success=True)))
     assert goes_on.success.all()
     assert waits.success.all()
     assert (goes_on.rewards[-20:] != 0.0).all()
@@ -344,7 +344,7 @@ def test_every_other_round_of_imitation_has_still_people(tmp_path, monkeypatch):
     met: list[tuple[str, str]] = []
 
     def rolled_out(policy, request):
-        met.append((request.place.people.name, request.place.impairment))
+        met.append((request.settings.people.name, request.settings.impairment))
         return roll_out(policy, request)
 
     monkeypatch.setattr(recurrent_recipe, "roll_out", rolled_out)

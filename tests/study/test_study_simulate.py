@@ -271,6 +271,8 @@ def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
     fed = make_study(tmp_path / "fed", **DESIGN | {"tasks": '["Feeding"]', "policies": '["revised"]'})
     refused = study("simulate", fed, *asked)
     assert refused.exit_code == 1
-    assert "trained for avrgym/ScratchItchJaco-v1; for avrgym/FeedingJaco-v1" in " ".join(refused.output.split())
+    assert "trained for avrgym/ScratchItchJaco-v1; for avrgym/FeedingJaco-v1" in " ".join(
+        refused.output.split()
+    )
     with Store(fed) as store:
         assert store.participants() == []

@@ -5,7 +5,6 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -243,7 +242,8 @@ def train(
         _check_together(recipe, [name for name, is_given in given.items() if is_given], resume=resume)
         check_engine_name(engine)
         folder = out or Path("runs") / _run_name(env, people, impairment, recipe, seed, guarded=force_guard)
-        training = _training()
+        from avrgym.learning import training
+
         if resume:
             configuration = _stored(folder, env, recipe)
             if steps is not None:
@@ -363,12 +363,6 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
     if not fits[recipe]:
         raise ValueError(f"{folder} contains no training run with --recipe {recipe}")
     return configuration
-
-
-def _training() -> ModuleType:
-    from avrgym.learning import training
-
-    return training
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 import shlex
 from dataclasses import asdict
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated
 
 import typer
@@ -47,11 +46,12 @@ def sweep(
             raise ValueError(
                 "a new sweep needs FILE; --resume needs --out DIR, the folder of the sweep, and no FILE"
             )
-        sweeps = _sweeps()
+        from avrgym.learning.sweep import create_sweep, run_sweep, training_runs_by_group
+
         folder = out or Path("runs") / (file or Path()).stem
         if file is not None:
-            sweeps.create(file, folder)
-        groups = sweeps.training_runs_by_group(folder)
+            create_sweep(file, folder)
+        groups = training_runs_by_group(folder)
         steps = sum(each.configuration.total_steps for group in groups.values() for each in group)
         again = f"`avrgym sweep --resume --out {shlex.quote(str(folder))}` continues it"
         made: dict[str, int] = {}
@@ -64,13 +64,7 @@ def sweep(
                 made[name] = steps_made
                 bar.update(sum(made.values()), label=f"{len(made)} training runs started")
 
-            rows = [asdict(each) for each in sweeps.run(folder, jobs, report)]
+            rows = [asdict(each) for each in run_sweep(folder, jobs, report)]
         print_table([{name: row[name] for name in row if name != "policy"} for row in rows])
         write_json(json_file, rows)
     print_line(f"sweep     {folder}")
-
-
-def _sweeps() -> ModuleType:
-    from avrgym.learning import sweep
-
-    return sweep
