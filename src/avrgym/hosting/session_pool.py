@@ -325,7 +325,9 @@ class SessionPool:
         session.computer.capacity.forget(session.id)
         if not ended:
             session.crashes += 1
-            computer = self._choose(self._computers())
+            computers = self._computers()
+            others = [each for each in computers if each is not session.computer]
+            computer = self._choose(others or computers)  # the session's computer may have failed
             if session.crashes < MAX_CRASHES and not session.error and computer:
                 self._replace_process(session, computer, now_s)
                 return
@@ -387,10 +389,9 @@ class SessionPool:
         return max(computers, key=lambda each: each.capacity.sessions - used[id(each)], default=None)
 
     def _replace_process(self, session: HostedSession, computer: Computer, now_s: float) -> None:
-        session.computer = computer
-        session.process, session.pipe = computer.start(self._request(session.pseudonym, session.link))
         session.state, session.report = "starting", Report(0)
-        session.process_began_s, session.absent_since_s = now_s, None
+        session.process, session.pipe = computer.start(self._request(session.pseudonym, session.link))
+        session.computer, session.process_began_s, session.absent_since_s = computer, now_s, None
 
     def _request(self, pseudonym: str, link: str) -> SessionRequest:
         return SessionRequest(self._store.folder, pseudonym, link, self._settings.headset_check)
