@@ -12,6 +12,7 @@ from avrgym.people.zoo.commanding import COMMANDING_SETS, PartnerCommands
 from avrgym.people.zoo.partners import PARTNERS, ZOO_PARTNER_SETS
 from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING
 from avrgym.policies import registry
+from avrgym.policies.trained import Policy, policy_path
 from avrgym.safety.pacing import WAITING
 from avrgym.tasks.episodes import Episodes
 
@@ -57,7 +58,7 @@ def test_the_robot_waits_for_them_and_a_copy_continues_bit_identically() -> None
     episodes = Episodes(ENVIRONMENT, 2, people=f"{TRAIN_ZOO}/{COMMANDING}", num_threads=1)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     episodes.reset(np.arange(2), generators)
-    policy = registry.resolve_policy("revised", ENVIRONMENT)
+    policy = Policy.load(policy_path("revised", ENVIRONMENT))
     act = registry.action_function(policy, episodes, generators)
     pacing, waited, gone_on = episodes.control_loop.pacing, np.zeros(2, dtype=bool), np.zeros(2, dtype=bool)
     assert pacing is not None
