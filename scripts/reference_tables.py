@@ -223,7 +223,7 @@ def zoo_partners() -> Lines:
 
 
 def _ranges(style: BehaviourStyle, axis: str) -> str:
-    return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, axis).items())
+    return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, f"{axis}_ranges").items())
 
 
 def _counts(name: str) -> str:
