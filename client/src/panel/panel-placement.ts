@@ -46,7 +46,7 @@ function effort({ distance, turn, elevation }: Candidate): number {
  *
  * The place is as close to the preferred one as possible; if none is free, it is that with the fewest obstacles.
  * `forward` is horizontal; `points` are x, y, z of a dense sample of the surrounding surfaces. `reclineRad`: angle by
- * which the participant leans back. It raises all places, so that people in bed see the panel in front of them.
+ * which the participant leans back. All angles are relative to this view, so that people in bed see the panel upright.
  */
 export function findFreePlace(
   eyes: Vector3,
@@ -59,20 +59,28 @@ export function findFreePlace(
   const places = CANDIDATES.map(({ distance, turn, elevation }) => ({
     ...{ distance: distance * preferred.distance, turn: turn + preferred.turn, elevation },
   }));
+  const up = upOfView(forward, reclineRad);
   let [best, least] = [places[0]!, Infinity];
   for (const candidate of places) {
-    const count = countObstacles(eyes, axesOf(candidate, forward, reclineRad), candidate.distance, points, half);
+    const axes = facing(directionOf(candidate, forward, up), up);
+    const count = countObstacles(eyes, axes, candidate.distance, points, half);
     if (count < least) [best, least] = [candidate, count];
     if (least === 0) break;
   }
-  return axesOf(best, forward, reclineRad).ahead.multiplyScalar(best.distance).add(eyes);
+  return directionOf(best, forward, up).multiplyScalar(best.distance).add(eyes);
 }
 
 /** Whether a panel at `middle` that faces the eyes has no obstacles before, in or close behind it. */
-export function isFree(eyes: Vector3, middle: Vector3, points: Float32Array, half: HalfSize): boolean {
+export function isFree(eyes: Vector3, middle: Vector3, points: Float32Array, half: HalfSize, up: Vector3 = UP): boolean {
   const ahead = middle.clone().sub(eyes);
   const distance = ahead.length();
-  return countObstacles(eyes, facing(ahead.divideScalar(distance)), distance, points, half) === 0;
+  return countObstacles(eyes, facing(ahead.divideScalar(distance), up), distance, points, half) === 0;
+}
+
+/** The upward direction in the view of a participant who leans back by an angle and faces `forward`. */
+export function upOfView(forward: Vector3, reclineRad: number): Vector3 {
+  const back = forward.clone().setY(0).normalize().multiplyScalar(-Math.sin(reclineRad));
+  return back.addScaledVector(UP, Math.cos(reclineRad));
 }
 
 interface Axes {
@@ -81,14 +89,13 @@ interface Axes {
   up: Vector3;
 }
 
-function axesOf({ turn, elevation: from }: Candidate, forward: Vector3, reclineRad: number): Axes {
-  const elevation = from + reclineRad;
-  const level = forward.clone().setY(0).normalize().applyAxisAngle(UP, -turn);
-  return facing(level.multiplyScalar(Math.cos(elevation)).addScaledVector(UP, Math.sin(elevation)));
+function directionOf({ turn, elevation }: Candidate, forward: Vector3, up: Vector3): Vector3 {
+  const level = forward.clone().addScaledVector(up, -forward.dot(up)).normalize().applyAxisAngle(up, -turn);
+  return level.multiplyScalar(Math.cos(elevation)).addScaledVector(up, Math.sin(elevation));
 }
 
-function facing(ahead: Vector3): Axes {
-  const right = new Vector3().crossVectors(ahead, UP).normalize();
+function facing(ahead: Vector3, upOfView: Vector3): Axes {
+  const right = new Vector3().crossVectors(ahead, upOfView).normalize();
   return { ahead, right, up: new Vector3().crossVectors(right, ahead) };
 }
 

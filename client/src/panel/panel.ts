@@ -1,7 +1,7 @@
 import { BufferGeometry, Mesh, MeshBasicMaterial, RingGeometry, Vector3 } from "three";
 import { CanvasPlane, OVERLAY_ORDER } from "./canvas-plane";
 import type { PanelContent } from "../session/display-state";
-import { findFreePlace, isFree, type HalfSize, type PreferredPlace } from "./panel-placement";
+import { findFreePlace, isFree, upOfView, type HalfSize, type PreferredPlace } from "./panel-placement";
 import type { ChooseBody, Presentation, Target } from "../generated/messages";
 import { PRESENTATION } from "../input/input-profile";
 import { HEIGHT, WIDTH, bodiesOf, buttonLabel, buttonsOf, paint } from "./paint-panel";
@@ -144,11 +144,12 @@ export class Panel {
   place(head: Vector3, forward: Vector3, surfacePoints: (eyes: Vector3) => Float32Array, reclineRad = 0): void {
     if (!this.content || (this.placed && this.reviewed)) return;
     const points = surfacePoints(head);
-    const stays = this.placed && isFree(head, this.mesh.position, points, this.half);
+    const stays = this.placed && isFree(head, this.mesh.position, points, this.half, this.mesh.up);
     this.placed = this.reviewed = true;
     this.mesh.visible = true;
     if (stays) return;
     this.mesh.position.copy(findFreePlace(head, forward, points, this.half, reclineRad, this.preferred));
+    this.mesh.up.copy(upOfView(forward, reclineRad));
     this.mesh.lookAt(head);
     this.mesh.updateMatrixWorld();
   }

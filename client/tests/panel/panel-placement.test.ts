@@ -12,7 +12,7 @@ import {
   type BufferGeometry,
 } from "three";
 import { describe, expect, it } from "vitest";
-import { findFreePlace, isFree } from "../../src/panel/panel-placement";
+import { findFreePlace, isFree, upOfView } from "../../src/panel/panel-placement";
 import { PANEL_HALF_M } from "../../src/panel/panel";
 import { SurfacePoints } from "../../src/scene/surface-points";
 import scenes from "../data/scenes.json";
@@ -97,12 +97,15 @@ describe("the place of the panel", () => {
 });
 
 describe("for a participant who leans back", () => {
-  it("the panel is as far below the gaze as for one who sits upright", () => {
+  it.each([0, -0.4, 0.4])("the panel has the place in the view as for one who sits upright, %f rad to the right", (turn) => {
     const eyes = new Vector3(0, 1, 0);
-    for (const reclineRad of [0, Math.PI / 6, Math.PI / 4]) {
-      const place = findFreePlace(eyes, AHEAD, new Float32Array(), PANEL_HALF_M, reclineRad).sub(eyes);
-      const gaze = AHEAD.clone().applyAxisAngle(new Vector3(1, 0, 0), reclineRad);
-      expect((place.angleTo(gaze) * 180) / Math.PI).toBeCloseTo(5);
+    const [across, preferred] = [new Vector3(1, 0, 0), { distance: 1.25, turn }];
+    const placeOf = (reclineRad: number) =>
+      findFreePlace(eyes, AHEAD, new Float32Array(), PANEL_HALF_M, reclineRad, preferred).sub(eyes);
+    for (const reclineRad of [Math.PI / 6, Math.PI / 4]) {
+      const inView = placeOf(reclineRad).applyAxisAngle(across, -reclineRad);
+      expect(inView.distanceTo(placeOf(0))).toBeLessThan(1e-9);
+      expect(upOfView(AHEAD, reclineRad).applyAxisAngle(across, -reclineRad).y).toBeCloseTo(1);
     }
   });
 });
