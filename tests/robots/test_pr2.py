@@ -6,7 +6,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.geometry import kinematics, transforms
-from avrgym.models.robot import Side, robot_spec
+from avrgym.models.body_names import Side
+from avrgym.models.robot import robot_spec
 from avrgym.models.scene import PHYSICS_STEP_S
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.pr2.robot import MESH_FOLDER, PR2

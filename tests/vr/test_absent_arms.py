@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from avrgym.models import human
-from avrgym.models.body_names import ARMS, Arm
+from avrgym.models.body_names import ARMS, Side
 from avrgym.models.human import ARM_BODIES, BODIES, GEOMS, Person, bind_frames
 from avrgym.models.human_shape import skin_meshes
 from avrgym.policies import registry
@@ -25,7 +25,7 @@ SCRATCHING = "avrgym/ScratchItchJaco-v1"
 OF_ARM = [REGION_INDEX_OF_GEOM[name] for name in ARM_BODIES["right"]]
 
 
-def world_of(environment: str, absent: tuple[Arm, ...]) -> Episodes:
+def world_of(environment: str, absent: tuple[Side, ...]) -> Episodes:
     task = TASKS[ENVIRONMENTS[environment][0]]
     person = Person("woman", 0.56, task.pose.rest_rad, absent_arms=absent)
     episodes = Episodes(environment, 1, person=person, moving=True, num_threads=1, by_region=True)
@@ -53,8 +53,8 @@ def test_an_absent_arm_makes_no_contact_and_is_near_nothing(environment: str) ->
 
 
 def test_the_robot_passes_through_an_absent_arm_and_does_not_avoid_it() -> None:
-    peak_n, gaps = dict[tuple[Arm, ...], float](), dict[tuple[Arm, ...], int]()
-    choices: tuple[tuple[Arm, ...], ...] = ((), ("right",))
+    peak_n, gaps = dict[tuple[Side, ...], float](), dict[tuple[Side, ...], int]()
+    choices: tuple[tuple[Side, ...], ...] = ((), ("right",))
     for absent in choices:
         episodes = world_of(SCRATCHING, absent)
         generators = [np.random.default_rng(0)]

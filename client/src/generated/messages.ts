@@ -26,7 +26,7 @@ export type OtherPersonSource = "caregiver" | "experimenter";
 
 export type RobotCommandName = "again" | "closer" | "farther" | "faster" | "other_side" | "ready" | "slower" | "stop" | "wait";
 
-export type Arm = "left" | "right";
+export type Side = "left" | "right";
 
 export type TrackedBodyPart = "head" | "left" | "right";
 
@@ -398,8 +398,8 @@ export interface Input {
   dwell_s: number;
   scan_s: number;
   select_key: string;
-  resting_arms: Arm[];
-  absent_arms: Arm[];
+  resting_arms: Side[];
+  absent_arms: Side[];
   stops: StopInput[] | null;
   presentation: Presentation;
 }

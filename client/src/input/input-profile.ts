@@ -1,4 +1,4 @@
-import type { Arm, ClientSource, Input, InputMethod, Presentation, StopInput } from "../generated/messages";
+import type { ClientSource, Input, InputMethod, Presentation, Side, StopInput } from "../generated/messages";
 import type { InputKind } from "./input-kind";
 
 /** The default presentation of texts; see `recording/presentation.py`. */
@@ -13,7 +13,7 @@ export const CONTROLLERS: Input = {
   ...{ resting_arms: [], absent_arms: [], stops: ["buttons"], presentation: PRESENTATION },
 };
 
-const ARMS: Readonly<Partial<Record<InputMethod, readonly Arm[]>>> = {
+const ARMS: Readonly<Partial<Record<InputMethod, readonly Side[]>>> = {
   controllers: ["left", "right"],
   hands: ["left", "right"],
   "left-hand": ["left"],

@@ -3,26 +3,25 @@
 from dataclasses import replace
 from typing import Annotated
 
-from avrgym.study.export import rows
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
+from avrgym.study.export.rows import AttemptNumber as AttemptNumber
+from avrgym.study.export.rows import IsPractice as IsPractice
+from avrgym.study.export.rows import IsSimulated as IsSimulated
+from avrgym.study.export.rows import PolicyName as PolicyName
+from avrgym.study.export.rows import Pseudonym as Pseudonym
+from avrgym.study.export.rows import QuestionMoment as QuestionMoment
+from avrgym.study.export.rows import QuestionnaireName as QuestionnaireName
+from avrgym.study.export.rows import RobotName as RobotName
+from avrgym.study.export.rows import SessionNumber as SessionNumber
+from avrgym.study.export.rows import SiteName as SiteName
+from avrgym.study.export.rows import TaskName as TaskName
+from avrgym.study.export.rows import TrialPosition as TrialPosition
 from avrgym.system.columns import Column
 
 AT_LEAST_0, AT_LEAST_1, SHARE = "0 and above", "1 and above", "0 to 1"
 ABOUT_SESSIONS_TEXT = "the row is about whole sessions"
 NOT_TESTED_TEXT = "no test was possible"
 _ANSWERS = COLUMNS_BY_TABLE["answers"]
-AttemptNumber = rows.AttemptNumber
-IsSimulated = rows.IsSimulated
-QuestionMoment = rows.QuestionMoment
-PolicyName = rows.PolicyName
-TrialPosition = rows.TrialPosition
-IsPractice = rows.IsPractice
-Pseudonym = rows.Pseudonym
-QuestionnaireName = rows.QuestionnaireName
-RobotName = rows.RobotName
-SessionNumber = rows.SessionNumber
-SiteName = rows.SiteName
-TaskName = rows.TaskName
 PolicyNameOrNone = Annotated[
     str | None, replace(COLUMNS_BY_TABLE["attempts"]["policy"], empty=ABOUT_SESSIONS_TEXT)
 ]

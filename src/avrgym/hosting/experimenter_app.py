@@ -26,7 +26,7 @@ from avrgym.study.storage.store import Store
 from avrgym.vr.headset_check import MAX_LATENCY_MS
 from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware
-from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
@@ -43,10 +43,6 @@ class NewMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to show a message on the page of a session's participant."""
 
     text: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_LENGTH)]
-
-
-class CommandRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to send a command to a session. The command is the last part of the route."""
 
 
 def experimenter_app(
@@ -100,7 +96,7 @@ def experimenter_app(
         async def command(
             session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
         ) -> Response:
-            await decode_json_body(request, CommandRequest, MAX_BODY_BYTES)
+            await decode_json_body(request, EmptyRequest, MAX_BODY_BYTES)
             await run_in_threadpool(
                 logged, caller, session_id, f"{name} session", lambda: pool.command(session_id, name)
             )

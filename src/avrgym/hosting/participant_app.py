@@ -55,7 +55,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT
-from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
 
@@ -101,10 +101,6 @@ class InclusionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The answer (yes or no) to each inclusion question, by id."""
 
     answers: dict[str, bool]
-
-
-class Confirmation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A request without further values."""
 
 
 class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -154,35 +150,35 @@ def _include(own: Participation, pseudonym: str, inclusion: InclusionRequest) ->
     record_inclusion(own.store, pseudonym, inclusion.answers)
 
 
-def _confirm_safety(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _confirm_safety(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     own.check_stage(pseudonym, SafetyStage)
     record_participant_event(own.store, pseudonym, SAFETY_CONFIRMED)
 
 
-def _wait(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _wait(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     stage = own.check_stage(pseudonym, ReadyStage, WaitingStage)
     if isinstance(stage, ReadyStage) and not own.state.is_open:
         raise StudyError("the study starts no new sessions now; come back later")
     own.pool.join(pseudonym)
 
 
-def _leave(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _leave(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     own.pool.leave(pseudonym)
 
 
-def _withdraw(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _withdraw(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     own.pool.leave(pseudonym)
     withdraw(own.store, pseudonym, "on the participant's page")
 
 
-def _request_deletion(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _request_deletion(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     own.pool.leave(pseudonym)
     if own.store.participant(pseudonym).state not in ("withdrawn", "excluded"):
         withdraw(own.store, pseudonym, "on the participant's page")
     record_participant_event(own.store, pseudonym, DELETION_REQUESTED)
 
 
-def _request_copy(own: Participation, pseudonym: str, _: Confirmation) -> None:
+def _request_copy(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     if pseudonym not in requested(own.store, COPY_REQUESTED):
         record_participant_event(own.store, pseudonym, COPY_REQUESTED)
 
@@ -190,12 +186,12 @@ def _request_copy(own: Participation, pseudonym: str, _: Confirmation) -> None:
 ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any], None]]] = {
     "consent": (ConsentRequest, _decide),
     "inclusion": (InclusionRequest, _include),
-    "safety": (Confirmation, _confirm_safety),
-    "waiting-list": (Confirmation, _wait),
-    "leave": (Confirmation, _leave),
-    "withdrawal": (Confirmation, _withdraw),
-    "deletion": (Confirmation, _request_deletion),
-    "copy": (Confirmation, _request_copy),
+    "safety": (EmptyRequest, _confirm_safety),
+    "waiting-list": (EmptyRequest, _wait),
+    "leave": (EmptyRequest, _leave),
+    "withdrawal": (EmptyRequest, _withdraw),
+    "deletion": (EmptyRequest, _request_deletion),
+    "copy": (EmptyRequest, _request_copy),
 }
 """Actions of a participant: type of the request body and function, by the last part of the route."""
 

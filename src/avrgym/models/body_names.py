@@ -1,12 +1,12 @@
-"""Names of the two body models and of the tracked body parts."""
+"""Names of the two body models, of the sides and of the tracked body parts."""
 
 from typing import Literal, get_args
 
 Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
-
-Arm = Literal["left", "right"]
-ARMS: tuple[Arm, ...] = get_args(Arm)
+Side = Literal["left", "right"]
+ARMS: tuple[Side, ...] = get_args(Side)
+"""The arms of the person, by side."""
 
 TrackedBodyPart = Literal["head", "left", "right"]
 """A body part with VR tracking: ``head`` (with the trunk), ``left`` arm or ``right`` arm."""

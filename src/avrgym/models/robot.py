@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
+from avrgym.models.body_names import Side
 from avrgym.models.collision_bits import CollisionBits
 from avrgym.models.drive import (
     DRIVE_ACTION_NAMES,
@@ -26,7 +27,6 @@ from avrgym.models.tools import Tool
 
 PREFIX = "robot/"
 """Prefix of all names of the robot in a scene."""
-Side = Literal["right", "left"]
 SIDES: tuple[Side, ...] = ("right", "left")
 PersonLocation = Literal["wheelchair", "bed"]
 PERSON_LOCATIONS: tuple[PersonLocation, ...] = ("wheelchair", "bed")

@@ -13,11 +13,11 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.commands.input_names import InputMethod, StopInput
-from avrgym.models.body_names import ARMS, TRACKED_BODY_PART_LABELS, Arm, TrackedBodyPart
+from avrgym.models.body_names import ARMS, TRACKED_BODY_PART_LABELS, Side, TrackedBodyPart
 from avrgym.recording.presentation import Presentation
 
-_BOTH: frozenset[Arm] = frozenset(ARMS)
-POINTING_ARMS: Mapping[InputMethod, frozenset[Arm]] = {
+_BOTH: frozenset[Side] = frozenset(ARMS)
+POINTING_ARMS: Mapping[InputMethod, frozenset[Side]] = {
     "controllers": _BOTH,
     "hands": _BOTH,
     "left-hand": frozenset({"left"}),
@@ -64,10 +64,10 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         ),
     ] = "Enter"
     resting_arms: Annotated[
-        tuple[Arm, ...], Meta(description="Arms that the participant cannot move. They rest.")
+        tuple[Side, ...], Meta(description="Arms that the participant cannot move. They rest.")
     ] = ()
     absent_arms: Annotated[
-        tuple[Arm, ...], Meta(description="Amputated arms. They rest and are not drawn.")
+        tuple[Side, ...], Meta(description="Amputated arms. They rest and are not drawn.")
     ] = ()
     stops: Annotated[
         tuple[StopInput, ...] | None,
@@ -111,7 +111,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return default if self.stops is None else self.stops
 
     @property
-    def tracked_arms(self) -> tuple[Arm, ...]:
+    def tracked_arms(self) -> tuple[Side, ...]:
         """The arms that are tracked during a session. The other arms rest."""
         unusable = {*self.resting_arms, *self.absent_arms}
         return tuple(arm for arm in ARMS if arm in POINTING_ARMS.get(self.method, ()) and arm not in unusable)

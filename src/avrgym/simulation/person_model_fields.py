@@ -8,7 +8,7 @@ from mujoco.batch import Batch
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.models import compliance, human
-from avrgym.models.body_names import Arm
+from avrgym.models.body_names import Side
 from avrgym.models.human import ARM_BODIES, People, Person
 from avrgym.models.scene import SceneConfig
 from avrgym.simulation.model_addresses import actuator_ids
@@ -60,7 +60,7 @@ class PersonModelFields:
                 kg = np.full(len(ids), self._body_mass_kg)
             self._mass[np.ix_(ids, self._ids)] = kg[:, None] * self._mass_share
 
-    def set_absent_arms(self, arms: Collection[Arm]) -> BoolArray:
+    def set_absent_arms(self, arms: Collection[Side]) -> BoolArray:
         """Remove the contacts of amputated arms in all worlds. Returns the mask (G,) of their geoms in ``GEOMS``."""
         names = [name for arm in arms for name in ARM_BODIES[arm]]
         absent = np.isin([*self._geoms], names)

@@ -15,7 +15,7 @@ from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.arrays import constant_like, float_copy, namespace, to_device_of, to_numpy
 from avrgym.geometry.transforms import norm
 from avrgym.models import compliance, human, robot
-from avrgym.models.body_names import Arm
+from avrgym.models.body_names import Side
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.human import Person
 from avrgym.models.scene import (
@@ -187,7 +187,7 @@ class Simulation:
         segment_w = _segments(self._host, self._names.person_geoms, size_m[..., 1:], ids)
         self._segment_w[ids] = to_device_of(segment_w, self._segment_w)
 
-    def set_absent_arms(self, arms: Collection[Arm]) -> None:
+    def set_absent_arms(self, arms: Collection[Side]) -> None:
         """Remove amputated arms of the people in all worlds. Their geoms are reported at ``REMOVED_PARTICLE_POS_W``."""
         self._absent_geoms = np.flatnonzero(self._person.set_absent_arms(arms))
 

@@ -10,9 +10,10 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, kinematics, transforms
 from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.models import human
+from avrgym.models.body_names import Side
 from avrgym.models.furniture import add_hospital_bed, add_wheelchair
 from avrgym.models.human import RECLINED, SEATED, People, Posture
-from avrgym.models.robot import FurnitureBuilder, Mount, Robot, Side, select_arm_and_mount
+from avrgym.models.robot import FurnitureBuilder, Mount, Robot, select_arm_and_mount
 from avrgym.models.scene import SceneConfig, robot_with_tool
 from avrgym.models.task_frame import mirror_chain
 from avrgym.models.tools import BODY as TOOL_BODY

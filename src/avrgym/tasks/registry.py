@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import msgspec
 
-from avrgym.models.body_names import Arm
+from avrgym.models.body_names import Side
 from avrgym.models.robot import Robot, UnsuitableRobotError
 from avrgym.models.scene import SceneConfig
 from avrgym.robots.registry import ROBOTS, find_robot
@@ -153,7 +153,7 @@ def task_goal(name: str, settings: Settings) -> str:
     return task.goal if settings.served_arm in (None, task.served_arm) else goal_for_other_arm(task.goal)
 
 
-def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Collection[Arm]) -> str:
+def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Collection[Side]) -> str:
     """Returns which task cannot take place with ``absent_arms``, as an error message; empty if all tasks can.
 
     ``tasks``: names of tasks with the settings of their scenes.

@@ -5,12 +5,13 @@ Environments, commands, ``study.toml`` and recordings use the same class. The de
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import msgspec
 import numpy as np
 from msgspec import Meta
 
+from avrgym.models.body_names import Side
 from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
@@ -53,7 +54,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         ),
     ] = None
     served_arm: Annotated[
-        Literal["left", "right"] | None,
+        Side | None,
         Meta(
             description="Arm of the person that the robot works on; the scene is mirrored for the other arm."
         ),

@@ -11,9 +11,9 @@ from msgspec import Meta
 
 from avrgym.array_types import BoolArray, FloatArray, IntArray, NumpyArray
 from avrgym.geometry.arrays import namespace, to_device_of
-from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
+from avrgym.models.body_names import TRACKED_BODY_PARTS, Side, TrackedBodyPart
 from avrgym.models.human import JOINTS, People
-from avrgym.models.robot import Mount, Robot, Side
+from avrgym.models.robot import Mount, Robot
 from avrgym.models.scene import SceneConfig
 from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.people.distributions import Pose

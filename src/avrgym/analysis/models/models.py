@@ -33,7 +33,7 @@ from avrgym.analysis.models.fitting import (
     estimate_effects,
 )
 from avrgym.analysis.reading.rows import AttemptRow
-from avrgym.analysis.reading.study_data import StudyData
+from avrgym.analysis.reading.study_data import StudyData, TrialKey
 from avrgym.analysis.statistics.tests import holm_correction
 from avrgym.questionnaires.questionnaire import Item, Questionnaire
 from avrgym.study.design.design import Design
@@ -114,8 +114,6 @@ MAX_ORDINAL_POINTS = 11
 SUCCESS, REWARD = "success", "reward"
 ANSWERS_TABLE, SCORES_TABLE, TRIALS_TABLE = "answers", "scores", "trials"
 """Names of the tables with the values of a model group."""
-TrialKey = tuple[str, int]
-"""Key of a trial: (pseudonym of the participant, position of the trial)."""
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,6 @@
 """Read the data of a study: participants, trials, attempts, answers, and recordings of completed trials."""
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -109,25 +110,34 @@ def read_study_data(
     answered_items = answered_items or AnsweredItems(store)
     found = StudyData(problems=list(_site_problems(store)))
     attempts = list(all_attempts(store))
+    attempts_by_trial: dict[int, list[ExportedAttempt]] = defaultdict(list)
+    attempts_by_participant: dict[str, list[ExportedAttempt]] = defaultdict(list)
+    for each in attempts:
+        attempts_by_trial[each.trial.id].append(each)
+        attempts_by_participant[each.participant.pseudonym].append(each)
     completed = {each.trial.id: each for each in attempts if each.attempt.state == "completed"}
     changed = {key for key, each in completed.items() if each.is_recording_changed()}
     if changed and not skip_damaged:
         raise StudyError(_refusal([each for key, each in completed.items() if key in changed]))
+    num_read = 0
     for participant in store.participants():
         for trial in store.trials(participant.pseudonym):
-            own = [each for each in attempts if each.trial.id == trial.id]
-            row = _trial(participant, trial, own)
+            row = _trial(participant, trial, attempts_by_trial[trial.id])
             if trial.id in completed:
                 row = _read_recording(completed[trial.id], row, found, changed=trial.id in changed)
-                progress(sum(each.recording is not None for each in found.trials) + 1, len(completed))
+                num_read += 1
+                progress(num_read, len(completed))
             found.trials.append(row)
     found.problems.extend(_plugin_problems(found.plugins))
     found.attempts.extend(_attempt(each) for each in attempts)
     _exclude_by_rules(store, found)
-    counted = {(row.participant, row.position) for row in found.trials if row.counted}
+    counted: dict[str, set[int]] = defaultdict(set)
+    for row in found.trials:
+        if row.counted:
+            counted[row.participant].add(row.position)
     for participant in store.participants():
-        positions = {position for pseudonym, position in counted if pseudonym == participant.pseudonym}
-        answered = ParticipantAnswers(store, participant, attempts, positions, answered_items)
+        own, positions = attempts_by_participant[participant.pseudonym], counted[participant.pseudonym]
+        answered = ParticipantAnswers(store, participant, own, positions, answered_items)
         found.problems.extend(answered.problems())
         found.answers.extend(answered.rows())
         found.scores.extend(answered.scores())

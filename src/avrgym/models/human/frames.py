@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace, namespace_and_floats
-from avrgym.models.body_names import Arm, Sex
+from avrgym.models.body_names import Sex, Side
 from avrgym.models.human.anthropometry import Proportions, proportions_of, scale_girths
 from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, seated_joint_angles
 from avrgym.models.human.person import People, Person
@@ -46,7 +46,7 @@ BODIES = tuple(PARENT_BODIES)
 
 RIGHT_ARM_BODIES = ("right_upper_arm", "right_forearm", "right_hand")
 LEFT_ARM_BODIES = ("left_upper_arm", "left_forearm", "left_hand")
-ARM_BODIES: Mapping[Arm, tuple[str, ...]] = {"left": LEFT_ARM_BODIES, "right": RIGHT_ARM_BODIES}
+ARM_BODIES: Mapping[Side, tuple[str, ...]] = {"left": LEFT_ARM_BODIES, "right": RIGHT_ARM_BODIES}
 """Bodies and geoms of each arm. Their frames are shoulder, elbow and wrist."""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry.arrays import namespace_and_floats
-from avrgym.models.body_names import ARMS, SEXES, Arm, Sex
+from avrgym.models.body_names import ARMS, SEXES, Sex, Side
 from avrgym.models.human.anthropometry import (
     ARM_SCALE_RANGE,
     BMI_RANGE_KG_M2,
@@ -54,7 +54,7 @@ class Person:
     arm_scale: float = 1.0
     stature_m: float | None = None
     bmi_kg_m2: float | None = None
-    absent_arms: tuple[Arm, ...] = ()
+    absent_arms: tuple[Side, ...] = ()
 
     def __post_init__(self) -> None:
         if self.sex not in SEXES:

@@ -8,7 +8,8 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.robot import SIDES, Arm, BaseRange, CameraMount, Grip, Mount, Robot, Side
+from avrgym.models.body_names import Side
+from avrgym.models.robot import SIDES, Arm, BaseRange, CameraMount, Grip, Mount, Robot
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.rtb_data import rtb_data_path
 

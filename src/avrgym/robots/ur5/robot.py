@@ -7,7 +7,8 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import SIDES, Arm, Robot, Side, tuned_arm
+from avrgym.models.body_names import Side
+from avrgym.models.robot import SIDES, Arm, Robot, tuned_arm
 from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes

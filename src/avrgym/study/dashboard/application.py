@@ -41,7 +41,7 @@ from avrgym.study.storage.free_text import MAX_LINE_LENGTH, MAX_NOTE_LENGTH
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
-from avrgym.vr.server.request_body import decode_json_body, json_response, make_error_handler
+from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import SessionLinks
 
 MAX_BODY_BYTES = 1 << 16
@@ -198,10 +198,6 @@ class AdverseEventRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
     follows: int | None = None
 
 
-class LinkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request for a new link to the running session."""
-
-
 class SessionStartRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to start a session. ``furniture`` replaces the furniture of the previous session.
 
@@ -316,7 +312,7 @@ def _begin(dashboard: Dashboard, pseudonym: str, start: SessionStartRequest) -> 
     dashboard.live_sessions.begin(pseudonym)
 
 
-def _renew_link(dashboard: Dashboard, pseudonym: str, _: LinkRequest) -> None:
+def _renew_link(dashboard: Dashboard, pseudonym: str, _: EmptyRequest) -> None:
     if dashboard.live_sessions is None:
         raise StudyError("this server runs no sessions; `avrgym serve --study DIR` runs them")
     dashboard.live_sessions.renew_link(pseudonym)
@@ -335,7 +331,7 @@ PARTICIPANT_ACTIONS: Mapping[str, tuple[type[msgspec.Struct], Callable[[Dashboar
     "edited-notes": (NoteEditRequest, _edit_note),
     "adverse-events": (AdverseEventRequest, _report),
     "sessions": (SessionStartRequest, _begin),
-    "links": (LinkRequest, _renew_link),
+    "links": (EmptyRequest, _renew_link),
 }
 """Actions on a participant: type of the request body and function, by the last part of the action's route."""
 AUDIT_LOG_NAMES = {

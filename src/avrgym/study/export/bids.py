@@ -304,7 +304,7 @@ def _rows_of_answers(
         sessions = {session.id: session.name for session in store.sessions(participant.pseudonym)}
         row: dict[str, Any] = {"participant_id": participant.pseudonym, "simulated": participant.simulated}
         answers = store.answers(participant.pseudonym)
-        moments = answer_moments(store.design, answers, store.events())
+        moments = answer_moments(store.design, answers, store.session_events(participant.pseudonym))
         for answer in answers:
             item = answered_items.item_of(answer).id
             if item not in scales or (answer.attempt is not None and answer.attempt not in about):

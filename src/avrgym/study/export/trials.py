@@ -204,7 +204,7 @@ def answers_of(
     by_id = {exported.attempt.id: exported for exported in attempts}
     sessions = {session.id: session for session in store.sessions(participant.pseudonym)}
     answers = store.answers(participant.pseudonym)
-    moments = answer_moments(store.design, answers, store.events())
+    moments = answer_moments(store.design, answers, store.session_events(participant.pseudonym))
     return [
         ExportedAnswer(
             participant,

@@ -211,7 +211,7 @@ def items_answered_in_visit(store: Store, session: StudySession) -> set[tuple[st
     answers = [
         answer for answer in store.answers(pseudonym) if answer.attempt is None and answer.session in visit
     ]
-    moments = answer_moments(store.design, answers, store.events())
+    moments = answer_moments(store.design, answers, store.session_events(pseudonym))
     return {(moments[answer.id], answer.item) for answer in answers}
 
 

@@ -225,6 +225,11 @@ class Store:
         """Returns all events of the study, in the order of storage."""
         return self._rows(StudyEvent)
 
+    def session_events(self, pseudonym: str) -> list[StudyEvent]:
+        """Returns the events of all sessions of a participant, in the order of sessions and storage."""
+        sessions = self.sessions(pseudonym)
+        return [event for each in sessions for event in self._rows(StudyEvent, session=each.id)]
+
     def participation_list(self) -> ParticipationEntries | None:
         """Returns the contents of the participation list; ``None`` if the file does not exist."""
         return self.database.participation.read()

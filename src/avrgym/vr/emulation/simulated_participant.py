@@ -16,7 +16,7 @@ from avrgym.array_types import FloatArray
 from avrgym.commands.vocabulary import CommandSource
 from avrgym.geometry import transforms
 from avrgym.models import human
-from avrgym.models.body_names import Arm
+from avrgym.models.body_names import Side
 from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
 from avrgym.models.human import JOINT_INDEX, JOINTS, SEATED, SEATED_POSE_RAD, Person, Sex
 from avrgym.models.scene import CONTROL_STEP_S, PHYSICS_STEP_S, SCENE_TOOL_BODY
@@ -460,6 +460,6 @@ class SimulatedParticipant:
         )
 
 
-def _arm_pos_w(bodies: Mapping[str, FloatArray], arm: Arm) -> FloatArray:
+def _arm_pos_w(bodies: Mapping[str, FloatArray], arm: Side) -> FloatArray:
     """Returns the positions (1, 3, 3) of shoulder, elbow and wrist, from the poses (7,) of bodies by name."""
     return np.stack([bodies[human.PREFIX + part][:3] for part in human.ARM_BODIES[arm]])[None]

@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.commands.preferences import TrialRules
 from avrgym.commands.vocabulary import CommandName
-from avrgym.models.body_names import Arm
+from avrgym.models.body_names import Side
 from avrgym.models.human import Person
 from avrgym.models.scene import DEFAULT_SUBSTEPS, SceneConfig
 from avrgym.policies.registry import ActionFunction
@@ -124,7 +124,7 @@ class LiveWorld:
         self._retreat = Retreat(self._episodes.simulation)
         self.stop_robot()
 
-    def follow_pose(self, pose: BodyPose, resting: Collection[Arm] = ()) -> None:
+    def follow_pose(self, pose: BodyPose, resting: Collection[Side] = ()) -> None:
         """Command joint targets with which the person's head and hands follow the participant's pose.
 
         ``resting``: arms that return to their rest pose while their hand has no pose.

@@ -16,7 +16,7 @@ from avrgym.commands.input_names import InputMethod as InputMethod
 from avrgym.commands.input_names import StopInput as StopInput
 from avrgym.commands.vocabulary import ClientSource, CommandSource, OtherPersonSource
 from avrgym.commands.vocabulary import CommandName as RobotCommandName
-from avrgym.models.body_names import Arm as Arm
+from avrgym.models.body_names import Side as Side
 from avrgym.models.body_names import TrackedBodyPart
 from avrgym.models.furniture.real_furniture import FurniturePoint as FurniturePoint
 from avrgym.models.human import Sex

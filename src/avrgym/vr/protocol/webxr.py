@@ -7,13 +7,13 @@ w, x, y, z; the person sits at its origin and faces −y.
 from dataclasses import dataclass
 from functools import cached_property
 from math import hypot
-from typing import Literal
 
 import mujoco
 import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
+from avrgym.models.body_names import Side
 from avrgym.models.human import BODY_FROM_DEVICE_AXES, HEADSET_OFFSET_M
 from avrgym.vr.protocol.messages import XRPose
 
@@ -95,7 +95,7 @@ def hand_pose(registration: Registration, grip: XRPose) -> Pose:
     return _compose(registration.to_world(grip), np.zeros(3), BODY_FROM_DEVICE_AXES)
 
 
-def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Literal["left", "right"]) -> Pose:
+def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Side) -> Pose:
     """Returns the pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
 
     Axes of the WebXR wrist (WebXR Hand Input): −z points to the fingers, y points out of the back of the hand. Axes of
@@ -112,7 +112,7 @@ HAND_FROM_WRIST_AXES = {
 }
 
 
-def grip_from_wrist(wrist: XRPose, side: Literal["left", "right"]) -> XRPose:
+def grip_from_wrist(wrist: XRPose, side: Side) -> XRPose:
     """Returns the grip pose that is equivalent to a wrist pose: both give the same pose of the hand."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))

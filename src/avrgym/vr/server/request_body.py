@@ -9,6 +9,10 @@ from fastapi import HTTPException, Request, Response
 B = TypeVar("B", bound=msgspec.Struct)
 
 
+class EmptyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A request body without fields: ``{}``."""
+
+
 async def read_json_body(request: Request, max_bytes: int) -> bytearray:
     """Returns the undecoded body of a request.
 

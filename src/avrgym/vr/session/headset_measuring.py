@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from avrgym.array_types import FloatArray
-from avrgym.models.body_names import ARMS, Arm
+from avrgym.models.body_names import ARMS, Side
 from avrgym.recording.configuration import HeadsetCheck, TrackedPart
 from avrgym.recording.schema import Latency
 from avrgym.vr.latency import percentiles_ms
@@ -67,7 +67,7 @@ class HeadsetMeasurement:
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
 
     def result(
-        self, *, haptics: bool | None, sound: bool | None, used_arms: Collection[Arm] = ARMS
+        self, *, haptics: bool | None, sound: bool | None, used_arms: Collection[Side] = ARMS
     ) -> HeadsetCheck:
         """Returns all measurements and answers. Arms that are not in ``used_arms`` rest.
 
@@ -78,7 +78,7 @@ class HeadsetMeasurement:
         intervals_ms = np.array([ms for each in self._drawn for ms in each.intervals_ms])
         display_hz = latest.display_hz if latest else None
 
-        def hand(arm: Arm, modality: str, take: PoseGetter) -> TrackedPart:
+        def hand(arm: Side, modality: str, take: PoseGetter) -> TrackedPart:
             return self._part(modality if arm in used_arms else RESTING_ARM_MODALITY, take, hand=True)
 
         return HeadsetCheck(

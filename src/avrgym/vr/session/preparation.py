@@ -5,7 +5,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import ParamSpec, Self, TypeVar
 
-from avrgym.models.body_names import Arm, Sex
+from avrgym.models.body_names import Sex, Side
 from avrgym.models.human import Person
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.world import LiveWorld
@@ -22,7 +22,7 @@ class BodyKey:
     torso_height_m: float
     skin_tone: str
     arm_scale: float
-    absent_arms: tuple[Arm, ...] = ()
+    absent_arms: tuple[Side, ...] = ()
 
     @classmethod
     def from_person(cls, person: Person) -> Self:

@@ -2,11 +2,11 @@
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from avrgym.geometry import transforms
+from avrgym.models.body_names import Side
 from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import (
@@ -158,7 +158,7 @@ def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
     """Returns the world poses of head and hands in a usable frame. The frame contains wrist poses of bare hands."""
     assert frame.head is not None
 
-    def hand(side: Literal["left", "right"], pose: XRPose | None, modality: Modality) -> Pose | None:
+    def hand(side: Side, pose: XRPose | None, modality: Modality) -> Pose | None:
         if pose is None:
             return None
         if modality == "hand":

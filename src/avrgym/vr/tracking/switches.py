@@ -9,7 +9,6 @@ noticed.
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import msgspec
 import mujoco
@@ -17,10 +16,9 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
+from avrgym.models.body_names import Side
 from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import grip_from_wrist
-
-Side = Literal["left", "right"]
 
 MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
 """Maximum difference between two devices that track the same resting hand."""

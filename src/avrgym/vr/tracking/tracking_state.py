@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
-from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, Arm, TrackedBodyPart
+from avrgym.models.body_names import ARMS, TRACKED_BODY_PARTS, Side, TrackedBodyPart
 from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, RealFurniture
 from avrgym.models.human import SEATED, Person, Posture
 from avrgym.recording.input_profile import DEFAULT_INPUT_PROFILE, InputProfile
@@ -61,7 +61,7 @@ class TrackingState:
         self._feed = TrackingFeed()
         self._pose: BodyPose | None = None
         self._resting: XRPose | None = None
-        self._ignored: frozenset[Arm] = frozenset()
+        self._ignored: frozenset[Side] = frozenset()
         self._posture, self._forward_m = SEATED, 0.0
         self._sliding: SlidingMonitor | None = None
         self._ticks = 0
@@ -245,7 +245,7 @@ class TrackingState:
 
     def _ignore(self, profile: InputProfile) -> None:
         """Store the arms whose tracking is ignored in this tick."""
-        never: set[Arm] = {*profile.resting_arms, *profile.absent_arms}
+        never: set[Side] = {*profile.resting_arms, *profile.absent_arms}
         unused = frozenset(ARMS).difference(profile.tracked_arms)
         ignored = unused.intersection(never.union(self.untracked_parts))
         if ignored != self._ignored:

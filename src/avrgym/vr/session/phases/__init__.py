@@ -7,7 +7,7 @@ Therefore the modules import each other through this package.
 
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
-from avrgym.vr.session.phases.checking import (
+from avrgym.vr.session.phases.headset_check import (
     DroppedFrameMeasurement,
     EmergencyStopTest,
     FeedbackTest,
@@ -16,9 +16,9 @@ from avrgym.vr.session.phases.checking import (
     HeadsetCheckStart,
     JitterMeasurement,
 )
-from avrgym.vr.session.phases.halted import RecordingFailed, SessionFinished, SessionPaused
+from avrgym.vr.session.phases.pause_and_end import RecordingFailed, SessionFinished, SessionPaused
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.phases.preparing import (
+from avrgym.vr.session.phases.preparation import (
     BodyCheck,
     Calibration,
     LoadingBodyCheck,
@@ -31,7 +31,7 @@ from avrgym.vr.session.phases.preparing import (
     StoringTrial,
     WaitingForParticipant,
 )
-from avrgym.vr.session.phases.running import (
+from avrgym.vr.session.phases.trial import (
     AnswerConfirmation,
     Countdown,
     FreeMovementAfterTrial,

@@ -8,7 +8,7 @@ from avrgym.recording.schema import Answer
 from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import BetweenTrialsPhase, QuestionnairePhase
+from avrgym.vr.session.phases.base_phases import BetweenTrialsPhase, QuestionnairePhase
 from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 

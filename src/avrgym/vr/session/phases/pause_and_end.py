@@ -7,7 +7,7 @@ from typing import Self
 from avrgym.texts.interface_texts import ParticipantText
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
-from avrgym.vr.session.phases.kinds import BetweenTrialsPhase
+from avrgym.vr.session.phases.base_phases import BetweenTrialsPhase
 from avrgym.vr.session.phases.phase import Phase
 from avrgym.vr.session.state import SessionState
 

@@ -16,7 +16,7 @@ from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
-from avrgym.vr.session.phases.kinds import (
+from avrgym.vr.session.phases.base_phases import (
     BetweenTrialsPhase,
     OngoingPhase,
     QuestionnairePhase,

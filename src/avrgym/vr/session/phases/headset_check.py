@@ -11,7 +11,7 @@ from avrgym.vr.headset_check import is_headset_ready, result_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.headset_measuring import HeadsetMeasurement
-from avrgym.vr.session.phases.kinds import VrPhase, arm_text_key
+from avrgym.vr.session.phases.base_phases import VrPhase, arm_text_key
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
