@@ -9,7 +9,8 @@ import msgspec
 
 from avrgym.study.design.validation import ValidationError
 
-RetentionPeriod = Annotated[int, msgspec.Meta(ge=0, le=1200)]
+RetentionMonths = Annotated[int, msgspec.Meta(ge=0, le=1200)]
+RetentionYears = Annotated[int, msgspec.Meta(ge=0, le=100)]
 IDENTITIES, RECORDINGS, ALL_DATA = "identities", "recordings", "data"
 
 
@@ -21,9 +22,9 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """
 
     ended_on: str = ""
-    identities_months: RetentionPeriod | None = None
-    recordings_years: RetentionPeriod | None = None
-    data_years: RetentionPeriod | None = None
+    identities_months: RetentionMonths | None = None
+    recordings_years: RetentionYears | None = None
+    data_years: RetentionYears | None = None
 
     @property
     def months_by_kind(self) -> Mapping[str, int]:
