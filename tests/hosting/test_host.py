@@ -167,7 +167,7 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
     assert served.post("waiting-list", token).status_code == 409
     assert served.post("invitation", token=served.invite()).json()["reason"] == "closed"
     assert ask("POST", "/api/door", is_open=True) == 204
-    names = {each.name for each in served.host.store.audit_log()}
+    names = {each.action for each in served.host.store.audit_log()}
     assert {"end session", "send message", "close door", "open door"} <= names
 
 

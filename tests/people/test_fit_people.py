@@ -64,7 +64,7 @@ def record(
             writer.write("/events", 10**9, Event("phase", "trial"))
     for frame in range(round(10 * ENDS_S)):
         time_s = 0.1 * frame
-        tracking = TrackingFrame(frame, 1e3 * time_s, time_s, applied=not held, held=held)
+        tracking = TrackingFrame(frame, 1e3 * time_s, time_s, moved_person=not held, rejected=held)
         writer.write("/tracking", round(1e9 * time_s), tracking)
     control = Control(1, [0.0], [0.0] * 7, -1.0, {"distance_m": 1.0}, False, 1.0, 0.0)
     writer.write("/control", round(1e9 * ENDS_S), control)

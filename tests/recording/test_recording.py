@@ -49,7 +49,7 @@ OUTCOME = Outcome(result="completed", reward=1.5, success=True)
 POSE = Pose(position=[0.1, -0.2, 1.3], orientation=[0.0, 0.0, 0.0, 1.0])
 RECORDS = {
     "/physics": Physics(3, 0.3, [0.1, -1e-300, 5e-324, 1.7976931348623157e308]),
-    "/tracking": TrackingFrame(7, 12.5, 0.25, applied=True, held=False, head=POSE, right=POSE),
+    "/tracking": TrackingFrame(7, 12.5, 0.25, moved_person=True, rejected=False, head=POSE, right=POSE),
     "/body_targets": BodyTargets([0.1, 0.2]),
     "/commands": Command(3, [0.5, -1.0]),
     "/control": Control(3, [1.0], [0.5], -1.5, {"distance": -0.3, "action": 0.1}, False, 0.3, 2.5),
@@ -59,7 +59,7 @@ RECORDS = {
     "/streams": Stream("heart", "Belt", "ECG", 130.0, ["ecg"], ["mV"]),
     "/samples": StreamSamples("heart", 0.001, [0.5, 0.51], [[-0.25], [1e-300]], [["r-peak"], ["é"]]),
     "/placement": Placement(POSE),
-    "/robot_commands": RobotCommand("slower", "key", 7, effective=True),
+    "/robot_commands": RobotCommand("slower", "key", 7, had_effect=True),
     "/pacing": Pacing(8, "waiting", 0.75, 0.15, -1.0, 0.16, 0.0),
 }
 
@@ -116,7 +116,7 @@ def test_numbers_that_are_not_finite_survive():
 def test_schemas_describe_every_field_without_references(topic):
     schema = json.loads(json_schema(topic))
     assert schema["type"] == "object"
-    assert set(schema["properties"]) == set(TOPICS[topic].__struct_fields__)
+    assert set(schema["properties"]) == set(TOPICS[topic].__struct_encode_fields__)
     assert not re.search(r"\$ref|anyOf|prefixItems|null", json_schema(topic).decode())
 
 

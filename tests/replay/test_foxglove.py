@@ -78,13 +78,13 @@ def test_all_that_the_recording_holds_is_there_as_well(recording: Recording, sho
 
 def test_every_body_has_a_place_and_what_is_seen_has_a_body(recording: Recording, shown: Messages) -> None:
     _, first = shown["/tf"][0]
-    assert [each.child_frame_id for each in first.transforms] == list(recording.configuration.bodies)
+    assert [each.child_frame_id for each in first.transforms] == list(recording.configuration.body_names)
     assert {each.parent_frame_id for _, some in shown["/tf"] for each in some.transforms} == {WORLD_FRAME_ID}
     ((_, scene),) = shown["/scene"]
     entities = {entity.frame_id: entity for entity in scene.entities}
     assert all(entity.frame_locked and not entity.lifetime.ToNanoseconds() for entity in entities.values())
     assert {"person/head", "person/right_hand", "robot/link_7", "wheelchair"} <= set(entities)
-    assert set(entities) <= {*recording.configuration.bodies, "world"}
+    assert set(entities) <= {*recording.configuration.body_names, "world"}
     head = np.array([[p.x, p.y, p.z] for part in entities["person/head"].triangles for p in part.points])
     assert 0.1 < np.ptp(head, axis=0).min() < np.ptp(head, axis=0).max() < 0.5
 

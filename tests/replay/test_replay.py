@@ -256,9 +256,11 @@ def test_the_command_tells_what_agreed_or_differs(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda r: with_configuration(r, bodies=("a",)), "bodies of the recorded scene have changed"),
+        (lambda r: with_configuration(r, body_names=("a",)), "bodies of the recorded scene have changed"),
         (
-            lambda r: with_configuration(r, start=msgspec.structs.replace(r.configuration.start, memory={})),
+            lambda r: with_configuration(
+                r, episode_start=msgspec.structs.replace(r.configuration.episode_start, memory={})
+            ),
             "lacks",
         ),
         (lambda r: with_configuration(r, environment="avrgym/Dance-v1"), "Dance"),

@@ -69,6 +69,6 @@ def test_the_changed_plug_in_is_the_reason(
     assert found.plugin_differences == [f"robot Jaco was {before}, is {plugins_of(ENVIRONMENT)[0]}"]
     command._print_differences(found)
     assert f"A plug-in has changed: {found.plugin_differences[0]}." in capsys.readouterr().out
-    other_scene = with_configuration(recording, bodies=("world",))
+    other_scene = with_configuration(recording, body_names=("world",))
     with pytest.raises(ReplayError, match=r"have changed: .*; robot Jaco was lab-robots 1\.0"):
         Playback(other_scene)

@@ -108,10 +108,10 @@ def test_a_robot_waits_for_ready_at_its_distance(environment: str) -> None:
     episodes, pacing = paced(rules(distance_m=0.12), environment)
     drive(episodes, "revised", 45, {})
     assert pacing.waiting_mask.all()
-    assert (np.abs(pacing.gap_m - 0.12) < DISTANCE_TOLERANCE_M + 0.02).all()
+    assert (np.abs(pacing.tool_distance_m - 0.12) < DISTANCE_TOLERANCE_M + 0.02).all()
     (first, *_) = drive(episodes, "revised", 12, {0: "ready"})
     assert (first[1].executed_action != 0.0).any(axis=-1).all()
-    assert (pacing.gap_m < 0.10).all()
+    assert (pacing.tool_distance_m < 0.10).all()
 
 
 def test_stop_wins_over_every_later_command() -> None:
@@ -127,7 +127,7 @@ def test_wait_backs_off_and_other_side_changes_the_side() -> None:
     episodes, pacing = paced(rules())
     drive(episodes, "revised", 80, {5: "ready", 30: "wait"})
     assert pacing.waiting_mask.all()
-    assert (pacing.gap_m > 0.14).all()
+    assert (pacing.tool_distance_m > 0.14).all()
     state = episodes.state()
     before = np.sign(state.pad_pos_w[:, 0] - state.mouth_pos_w[:, 0])
     drive(episodes, "revised", 60, {0: "other_side"})

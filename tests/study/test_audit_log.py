@@ -116,7 +116,7 @@ def ask(server: LiveServer[Session], token: str, path: str, body: Any = None) ->
 
 
 def told(entries: list[AuditLogEntry]) -> list[tuple[str, str, str, int | None, str]]:
-    return [(each.person, each.known_by, each.name, each.participant, each.detail) for each in entries]
+    return [(each.person, each.identified_by, each.action, each.participant, each.detail) for each in entries]
 
 
 def awaited(store: Store, name: str) -> AuditLogEntry:
@@ -124,7 +124,7 @@ def awaited(store: Store, name: str) -> AuditLogEntry:
     discard_attempt = time.monotonic() + PATIENCE_S
     while time.monotonic() < discard_attempt:
         for entry in store.audit_log():
-            if entry.name == name:
+            if entry.action == name:
                 return entry
         time.sleep(0.01)
     raise TimeoutError(f"no entry {name}")
@@ -162,7 +162,7 @@ def test_dashboard_actions_and_views_are_logged_by_person(
         ("unnamed", SHARED_TOKEN, "view dashboard", None, ""),
         ("unnamed", SHARED_TOKEN, "withdraw", 1, ""),
     ]
-    assert all(entry.at.endswith("+00:00") for entry in store.audit_log())
+    assert all(entry.recorded_at.endswith("+00:00") for entry in store.audit_log())
     assert not [word for word in (NAME, "grace@", NOTE, REASON) if word in repr(store.audit_log())]
 
 
@@ -391,7 +391,7 @@ def test_views_after_the_planned_end_are_no_deviation(planned: Path) -> None:
     with Store(planned) as store:
         run_participant(store, enrol_with_consent(store))
         add_log_entry(store, ADA, "view results", shows_results=True)
-        (entry,) = (each for each in store.audit_log() if each.name == "view results")
+        (entry,) = (each for each in store.audit_log() if each.action == "view results")
         assert (entry.completed, entry.planned) == (2, 2)
         assert interim(store) == []
         before = analyse_study(store).access_log.entries

@@ -109,7 +109,7 @@ def test_consent_text_is_archived_once(store: Store) -> None:
     for pseudonym in (first, second):
         (given,) = store.consents(pseudonym)
         assert (given.agreed, given.version, given.language, given.sha256) == (True, "1", "en", kept.sha256)
-        assert given.at == store.participant(pseudonym).consented_at
+        assert given.decided_at == store.participant(pseudonym).consented_at
     assert about_consent(store.folder) == []
 
 
@@ -390,7 +390,7 @@ def test_recordings_contain_the_consent(folder: Path) -> None:
             attended.leave()
     (recording,) = sorted(folder.rglob("*.mcap"))
     consent = read_recording(recording).configuration.consent
-    assert consent == RecordedConsent(latest.at, "2", "en", latest.sha256)
+    assert consent == RecordedConsent(latest.decided_at, "2", "en", latest.sha256)
 
 
 @pytest.mark.parametrize("recorded", [True, False])
@@ -446,7 +446,7 @@ def test_different_texts_of_one_site_are_an_error(tmp_path: Path) -> None:
         second = enrol_with_consent(store)
         withdraw(store, second)
         with store.database.write_transaction() as connection:
-            text = {"version": "1", "language": "en", "text": "Another", "at": "2026-01-01"}
+            text = {"version": "1", "language": "en", "text": "Another", "first_used_at": "2026-01-01"}
             sha256 = hashlib.sha256(b"Another").hexdigest()
             hash_chain.insert(connection, schema.CONSENT_TEXT_TABLE, sha256=sha256, **text)
             hash_chain.update(connection, schema.CONSENT_TABLE, store.consents(second)[0].id, sha256=sha256)

@@ -150,7 +150,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Store]:
 def crash(store: Store) -> None:
     """Simulate the death of the process of the open session."""
     with store.database.write_transaction() as connection:
-        connection.execute(sa.update(schema.SESSION_TABLE).values(process=2**22 + 1))
+        connection.execute(sa.update(schema.SESSION_TABLE).values(process_id=2**22 + 1))
 
 
 def remaining(store: Store, pseudonym: str, when: str) -> list[str]:

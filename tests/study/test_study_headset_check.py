@@ -103,7 +103,7 @@ def test_tested_stop_is_in_table_and_report(
     """A check of an earlier version has neither a stop nor its time."""
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store, simulated=False)) as visit:
-            check = msgspec.structs.replace(CHECK, stop=stop, stop_after_s=after_s)
+            check = msgspec.structs.replace(CHECK, stop_method=stop, stop_delay_s=after_s)
             visit._observer()(events.HeadsetChecked(1.0, check))
         write_without_figures(analyse_study(store), store.folder, tmp_path / "out")
     with open(tmp_path / "out/tables/headset_checks.csv", encoding="utf-8-sig", newline="") as file:

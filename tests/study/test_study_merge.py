@@ -81,7 +81,7 @@ def without_keys(store: Store, pseudonym: str) -> list:
     ]
     answers = [(each.item, each.value, each.answered_at) for each in store.answers(pseudonym)]
     number = store.participant(pseudonym).number
-    events = [(each.at, each.name) for each in store.events() if each.participant == number]
+    events = [(each.recorded_at, each.name) for each in store.events() if each.participant == number]
     return [trials, attempts, answers, events, [note.text for note in store.notes(pseudonym)]]
 
 

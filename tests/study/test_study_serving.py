@@ -240,7 +240,7 @@ def test_session_with_only_the_last_questions(asking: Store) -> None:
     for trial in asking.remaining_trials(pseudonym):
         run_trial(asking, session, trial)
     with asking.database.write_transaction() as connection:
-        connection.execute(sa.update(schema.SESSION_TABLE).values(process=NO_PROCESS))
+        connection.execute(sa.update(schema.SESSION_TABLE).values(process_id=NO_PROCESS))
     loop.ask(loop.sessions.begin, pseudonym)
     assert asked(loop.inbox) == []
     loop.sessions.send_initial_state(loop.inbox.append, "participant", loop.now_s)

@@ -624,7 +624,10 @@ def test_study_of_0_2_0_is_upgraded(tmp_path: Path, kind: str) -> None:
         consented = [each for each in store.participants() if each.consented_at is not None]
         for participant in consented:
             (consent,) = store.consents(participant.pseudonym)
-            assert (consent.at, consent.version) == (participant.consented_at, participant.consent_version)
+            assert (consent.decided_at, consent.version) == (
+                participant.consented_at,
+                participant.consent_version,
+            )
         assert [attempt.state for attempt in store.attempts("sub-001")] == ["completed"]
         assert len(consented) == 1
         with store.database.write_transaction() as connection:
@@ -675,8 +678,8 @@ def test_study_of_a_development_version_is_upgraded(store: Store, revision: str)
     newly_written: dict[str, list] = {"consent": [], "ledger": []}
     with Store(store.folder) as again:
         assert {**contents(again), **newly_written} == {**before, **newly_written}
-        assert [(each.at, each.sha256) for each in again.consents(pseudonym)] == [
-            (each.at, each.sha256) for each in consents
+        assert [(each.decided_at, each.sha256) for each in again.consents(pseudonym)] == [
+            (each.decided_at, each.sha256) for each in consents
         ]
         assert again.database.find_faults() == []
 

@@ -110,7 +110,7 @@ def test_complete_visit_is_stored(store: Store) -> None:
     events = Counter(event.name for event in store.events())
     assert events["calibrated"] == 1
     assert events["attempt completed"] == events["trial completed"] == 3
-    moments = [event.at for event in store.events()]
+    moments = [event.recorded_at for event in store.events()]
     assert moments == sorted(moments)
     phases = [event.detail.partition(",")[0] for event in store.events() if event.name == "phase entered"]
     assert phases == [f"phase {name}" for name in attended.phases]

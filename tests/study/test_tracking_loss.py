@@ -23,7 +23,11 @@ def recording(*frames: tuple[float, bool, list[str]]) -> Recording:
     """A recording with the robot active from 5 to 25 s and frames with and without tracking."""
     messages = [("/events", 5_000_000_000, Event("phase", "trial"))]
     messages += [
-        ("/tracking", round(1e9 * time_s), TrackingFrame(0, 0.0, time_s, not held, held, held_parts=parts))
+        (
+            "/tracking",
+            round(1e9 * time_s),
+            TrackingFrame(0, 0.0, time_s, not held, held, rejected_parts=parts),
+        )
         for time_s, held, parts in frames
     ]
     messages += [

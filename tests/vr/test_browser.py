@@ -88,7 +88,8 @@ def test_a_participant_completes_a_feeding_session(journey: Journey) -> None:
     assert {record.item: record.value for _, record in recording.messages_by_topic["/answers"]} == given
     assert len(recording.messages_by_topic["/physics"]) >= 10 * TRIAL_STEPS
     assert any(
-        record.applied and record.right is not None for _, record in recording.messages_by_topic["/tracking"]
+        record.moved_person and record.right is not None
+        for _, record in recording.messages_by_topic["/tracking"]
     )
     phases = [record.detail for _, record in recording.messages_by_topic["/events"] if record.name == "phase"]
     assert phases == [

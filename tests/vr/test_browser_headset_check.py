@@ -48,8 +48,8 @@ def test_the_headset_check_reports_problems(tmp_path: Path) -> None:
     assert check.emulated
     assert "Chrome" in check.device
     assert check.profiles
-    assert check.frames > 0
+    assert check.num_frames > 0
     assert set(check.latency_ms) == {"total_ms", *STAGES}
     assert check.head.jitter_mm == pytest.approx(0.0, abs=0.01)
-    assert (check.left.with_, check.right.with_) == ("controller", "controller")
-    assert (check.haptics, check.sound, check.stop) == (False, True, "button")
+    assert (check.left.modality, check.right.modality) == ("controller", "controller")
+    assert (check.vibration_felt, check.sound_heard, check.stop_method) == (False, True, "button")

@@ -68,7 +68,7 @@ def test_every_task_with_one_robot_or_the_other(
         assert each.complete
         assert [record.step for _, record in each.messages_by_topic["/control"]] == [1, 2, 3, 4, 5]
         assert len(each.messages_by_topic["/answers"]) == 1
-        assert any(record.applied for _, record in each.messages_by_topic["/tracking"])
+        assert any(record.moved_person for _, record in each.messages_by_topic["/tracking"])
         assert verify(each).identical
     whole.headset.page.get_by_role("button", name="Leave VR").click()
     wait_until(lambda: not whole.headset.call_emulator("presenting"))

@@ -34,7 +34,7 @@ LARGEST = 2**53 - 1
 
 
 def held(recording: Recording) -> list[bool]:
-    return [frame.held for _, frame in recording.messages_by_topic["/tracking"]]
+    return [frame.rejected for _, frame in recording.messages_by_topic["/tracking"]]
 
 
 # Nobody is tracked -------------------------------------------------------------------------------------------
@@ -76,7 +76,7 @@ def test_who_is_no_longer_tracked_is_told_and_the_trial_is_repeated(visit: Calla
     lost.run_until("questionnaire")
     lost.answer(4, 4, 4, 4)
     first, second = lost.recordings()
-    assert (first.configuration.attempt, second.configuration.attempt) == (1, 2)
+    assert (first.configuration.attempt_number, second.configuration.attempt_number) == (1, 2)
     assert first.configuration.seed == second.configuration.seed
     assert [result(first), result(second)] == ["interrupted", "completed"]
 
@@ -149,7 +149,7 @@ def test_the_robot_holds_within_a_second_when_a_headset_falls_silent(
 
 
 def is_applied(record: object) -> bool:
-    return isinstance(record, TrackingFrame) and record.applied
+    return isinstance(record, TrackingFrame) and record.moved_person
 
 
 # Frames that are out of order --------------------------------------------------------------------------------

@@ -116,7 +116,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert result.emulated
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
-    assert result.head.share == 1.0
+    assert result.head.tracked_share == 1.0
     assert result.stop == "palm"
     assert result.latency_ms["total_ms"]["p50"] == pytest.approx(2.5 * len(STAGES))
     assert "ready" in visit.received(Phase)[-1].text
@@ -146,7 +146,7 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     assert visit.phase == "headset_check"
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
-    assert (result.stop, result.stop_after_s) == (way, pytest.approx(0.25, abs=0.02))
+    assert (result.stop_method, result.stop_delay_s) == (way, pytest.approx(0.25, abs=0.02))
     assert f"{way} after 0." in measurement_text(result)
     assert is_headset_ready(result), result_text(result)
 
@@ -171,7 +171,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
 
 def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
     check = HeadsetMeasurement().result(haptics=None, sound=None)
-    assert check.stop is None
+    assert check.stop_method is None
     assert "stop" not in fault_text(check)
 
 

@@ -157,7 +157,7 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
     events = [(event.name, event.detail) for _, event in recording.messages_by_topic["/events"]]
     assert ("pose_held", "left") in events
     assert not {("pose_held", part) for part in TRACKED_BODY_PARTS if part != "left"} & set(events)
-    assert all(each.applied and each.held_parts == ["left"] for each in frames(recording)[-20:])
+    assert all(each.moved_person and each.rejected_parts == ["left"] for each in frames(recording)[-20:])
 
 
 @pytest.mark.fast_cases(1)

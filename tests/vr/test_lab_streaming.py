@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from avrgym.recording.schema import Stream
+from avrgym.recording.schema import Stream, StreamSamples
 from avrgym.recording.streams import stream_quality, stream_sample_times
 from avrgym.safety.limits import BODY_REGIONS
 from avrgym.vr.lab_streaming.choice import StreamSettings
@@ -73,7 +73,7 @@ def lived(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveVisit]:
 def test_samples_are_recorded_with_their_time_stamps(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
     began_s = next(event.time_s for event in lived.observed if type(event).__name__ == "TrialBegun")
-    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream == "heart"]
+    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream_name == "heart"]
     taken_s = np.concatenate([np.array(chunk.values)[:, 0] for chunk in chunks])
     error_s = (
         stream_sample_times(recording.messages_by_topic, "heart").time_s + began_s + lived.began_s - taken_s
@@ -97,10 +97,12 @@ def test_the_quality_of_time_stamps_is_measured(lived: LiveVisit) -> None:
 
 def test_a_stream_is_described_before_its_samples(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
-    described = {stream.stream: stream for _, stream in recording.messages_by_topic["/streams"]}
+    described = {stream.name: stream for _, stream in recording.messages_by_topic["/streams"]}
     assert described["heart"] == Stream("heart", "Belt", "ECG", RATE_HZ, ["taken", "number"], ["s", ""])
-    order = [(topic, record.stream) for topic, _, record in recording.messages if hasattr(record, "stream")]
-    assert all(order.index(("/streams", name)) < order.index(("/samples", name)) for name in described)
+    records = [record for _, _, record in recording.messages if isinstance(record, Stream | StreamSamples)]
+    for name, stream in described.items():
+        samples = (each for each in records if isinstance(each, StreamSamples) and each.stream_name == name)
+        assert records.index(stream) < records.index(next(samples))
 
 
 def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> None:
@@ -118,7 +120,7 @@ def test_a_lost_stream_is_an_event_and_a_problem_message(lived: LiveVisit) -> No
 
 def test_events_are_sent_with_the_times_of_the_recording(lived: LiveVisit) -> None:
     (recording,) = lived.recordings()
-    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream == "own"]
+    chunks = [chunk for _, chunk in recording.messages_by_topic["/samples"] if chunk.stream_name == "own"]
     sent = [json.loads(text) for chunk in chunks for (text,) in chunk.texts]
     times_s = stream_sample_times(recording.messages_by_topic, "own").time_s
     phases = [(time_s, each["phase"]) for time_s, each in zip(times_s, sent, strict=True) if "phase" in each]

@@ -78,7 +78,7 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     visit.leave()
     (recording,) = visit.recordings()
     records = [record for _, record in recording.messages_by_topic["/robot_commands"]]
-    assert [(each.name, each.source, each.effective, bool(each.refusal)) for each in records] == [
+    assert [(each.name, each.source, each.had_effect, bool(each.refusal_reason)) for each in records] == [
         ("slower", "key", True, False),
         ("faster", "key", False, True),
         ("ready", "switch", False, True),
@@ -92,7 +92,7 @@ def test_commands_are_executed_recorded_and_replayed(tmp_path: Path) -> None:
     pacing = [record for _, record in recording.messages_by_topic["/pacing"]]
     assert [record.step for record in pacing] == list(range(1, STEPS + 1))
     assert pacing[-1].speed_factor == 0.75
-    assert recording.configuration.rules == visit.session.plan.trials[0].rules
+    assert recording.configuration.trial_rules == visit.session.plan.trials[0].rules
     found = verify(recording)
     assert (found.identical_states, found.identical_steps) == (found.states, STEPS)
 

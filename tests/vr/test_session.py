@@ -237,7 +237,7 @@ def test_every_tracking_frame_is_recorded_once_in_order(whole: Visit) -> None:
         frames = records(recording, "/tracking")
         first = frames[0].sequence
         assert [frame.sequence for frame in frames] == list(range(first, first + len(frames)))
-        assert all(frame.applied and not frame.held for frame in frames)
+        assert all(frame.moved_person and not frame.rejected for frame in frames)
 
 
 def test_every_recorded_state_follows_bit_for_bit_from_the_one_before(whole: Visit) -> None:
@@ -319,7 +319,7 @@ def test_a_stop_halts_the_robot_and_the_trial_is_repeated(visit: Callable[..., V
     stopped.answer(4, 4, 4, 4)
     assert stopped.phase == "finished"
     again = stopped.recordings()[1]
-    assert (first.configuration.attempt, again.configuration.attempt) == (1, 2)
+    assert (first.configuration.attempt_number, again.configuration.attempt_number) == (1, 2)
     assert first.configuration.seed == again.configuration.seed
     assert replica.tool_pos_w(states(first)[0]) == pytest.approx(replica.tool_pos_w(states(again)[0]))
     assert digest(stopped.session.recordings[0]) == before
@@ -417,7 +417,7 @@ def test_who_comes_back_repeats_the_trial(visit: Callable[..., Visit]) -> None:
     assert names == [f"trial-{name}.mcap" for name in ("01_attempt-1", "02_attempt-1", "02_attempt-2")]
     frames = records(back.recordings()[2], "/tracking")
     assert [frame.sequence for frame in frames] == list(range(frames[0].sequence, frames[-1].sequence + 1))
-    assert all(frame.applied for frame in frames)
+    assert all(frame.moved_person for frame in frames)
 
 
 def test_messages_that_have_no_place_are_named_and_change_nothing(visit: Callable[..., Visit]) -> None:
@@ -641,10 +641,10 @@ def test_frames_that_cannot_be_are_recorded_and_change_nothing(visit: Callable[.
     one, other = plain.recordings()[0], fuzzed.recordings()[0]
     assert one.messages_by_topic["/physics"] == other.messages_by_topic["/physics"]
     assert np.isfinite(states(other)).all()
-    held = [record for record in records(other, "/tracking") if record.held]
+    held = [record for record in records(other, "/tracking") if record.rejected]
     assert len(held) == len(sent)
     assert [record.sequence for record in held] == [frame.sequence for frame in sent]
-    assert not any(record.applied for record in held)
+    assert not any(record.moved_person for record in held)
 
 
 def replayed(visit: Visit) -> Tracking:
@@ -666,7 +666,9 @@ def test_of_frames_between_two_ticks_the_newest_counts_and_all_are_recorded(
     burst.tick()
     last = burst.frame()
     burst.send(last, Stop())
-    kept = [(r.sequence, r.applied, r.held) for r in records(burst.recordings()[0], "/tracking")][-6:]
+    kept = [(r.sequence, r.moved_person, r.rejected) for r in records(burst.recordings()[0], "/tracking")][
+        -6:
+    ]
     first = frames[0].sequence
     applied = [False, False, False, True, False, False]
     held = [False, False, False, False, True, False]

@@ -119,7 +119,7 @@ def test_no_trial_counts_in_which_a_needed_part_is_not_tracked(
     assert ended(recording) == "interrupted"
     assert ("tracking_lost", part) in told(recording)
     last = [frame for _, frame in recording.messages_by_topic["/tracking"]][-1]
-    assert last.held or (part in last.held_parts and part in last.untracked_parts)
+    assert last.rejected or (part in last.rejected_parts and part in last.untracked_parts)
     assert (tracking_loss_share(recording) or 0.0) > 0.7
 
     visit.send(Ready())
@@ -154,7 +154,7 @@ def test_a_part_that_the_task_does_not_need_ends_nothing(
     (recording,) = visit.recordings()
     assert ended(recording) == "completed"
     assert tracking_loss_share(recording) == pytest.approx(0.0, abs=1e-9)
-    frames = [frame for _, frame in recording.messages_by_topic["/tracking"] if frame.applied]
+    frames = [frame for _, frame in recording.messages_by_topic["/tracking"] if frame.moved_person]
     assert all(frame.untracked_parts == [part] for frame in frames)
     assert not visit.happened(session_events.TrackingLost)
 

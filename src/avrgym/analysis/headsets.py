@@ -80,7 +80,7 @@ def headset_rows(store: Store) -> list[HeadsetRow]:
 
 def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -> HeadsetRow:
     total = check.latency_ms.get("total_ms", {})
-    stopped = check.stop not in (None, "none")
+    stopped = check.stop_method not in (None, "none")
     return HeadsetRow(
         participant=participant.pseudonym,
         simulated=participant.simulated,
@@ -94,17 +94,17 @@ def _row(participant: Participant, session: StudySession, check: HeadsetCheck) -
         latency_p50_ms=total.get("p50"),
         latency_p95_ms=total.get("p95"),
         head_jitter_mm=check.head.jitter_mm,
-        left_with=check.left.with_,
+        left_with=check.left.modality,
         left_jitter_mm=check.left.jitter_mm,
         left_reach_m=check.left.reach_m,
-        right_with=check.right.with_,
+        right_with=check.right.modality,
         right_jitter_mm=check.right.jitter_mm,
         right_reach_m=check.right.reach_m,
-        haptics=check.haptics,
-        sound=check.sound,
-        stop_with=check.stop or "" if stopped else "",
-        stop_worked=None if check.stop is None else stopped,
-        stop_after_s=check.stop_after_s,
+        haptics=check.vibration_felt,
+        sound=check.sound_heard,
+        stop_with=check.stop_method or "" if stopped else "",
+        stop_worked=None if check.stop_method is None else stopped,
+        stop_after_s=check.stop_delay_s,
         go=is_headset_ready(check),
         faults=fault_text(check),
     )

@@ -32,8 +32,8 @@ def summarise_access_log(store: Store) -> AccessLogSummary:
     return AccessLogSummary(
         entries=len(own),
         people=list(dict.fromkeys(describe_log_person(entry, sites) for entry in own)),
-        first_at=min((entry.at for entry in own), default=None),
-        last_at=max((entry.at for entry in own), default=None),
+        first_at=min((entry.recorded_at for entry in own), default=None),
+        last_at=max((entry.recorded_at for entry in own), default=None),
         interim_looks=[f"{each.where} {each.message}" for each in check_interim_looks(store)],
     )
 

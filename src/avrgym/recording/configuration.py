@@ -43,7 +43,9 @@ class Versions(msgspec.Struct, frozen=True):
 class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
     """A consent. A field is ``None`` if the study did not store it."""
 
-    at: Annotated[str, Meta(description="Time of the consent: ISO 8601, UTC.")]
+    decided_at: Annotated[str, Meta(description="Time of the consent: ISO 8601, UTC.")] = msgspec.field(
+        name="at"
+    )
     version: str | None = None
     language: str | None = None
     sha256: Annotated[str | None, Meta(description="Checksum of the consent text.")] = None
@@ -58,10 +60,12 @@ class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
 class TrackedPart(msgspec.Struct, frozen=True):
     """The tracking quality of the head or a hand."""
 
-    with_: Annotated[
+    modality: Annotated[
         str, Meta(description="`headset`, `controller`, `hand` (bare), `mouse`, `rests` or `none`.")
     ] = msgspec.field(name="with")
-    share: Annotated[float, Meta(description="Share of the frames in which it was tracked.")]
+    tracked_share: Annotated[float, Meta(description="Share of the frames in which it was tracked.")] = (
+        msgspec.field(name="share")
+    )
     jitter_mm: Annotated[
         float | None,
         Meta(description="At rest: root-mean-square distance from parabolas through half a second."),
@@ -78,8 +82,10 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
         list[str], Meta(description="WebXR profiles of the controllers, as the browser reports them.")
     ]
     display_hz: float | None
-    seconds: Annotated[float, Meta(description="Duration of the measurement.")]
-    frames: int
+    duration_s: Annotated[float, Meta(description="Duration of the measurement.")] = msgspec.field(
+        name="seconds"
+    )
+    num_frames: int = msgspec.field(name="frames")
     frame_rate_hz: float
     dropped_share: float
     latency_ms: Annotated[
@@ -88,10 +94,18 @@ class HeadsetCheck(msgspec.Struct, frozen=True):
     head: TrackedPart
     left: TrackedPart
     right: TrackedPart
-    haptics: Annotated[bool | None, Meta(description="Whether the participant felt the vibration.")] = None
-    sound: Annotated[bool | None, Meta(description="Whether the participant heard the sound.")] = None
-    stop: Annotated[str | None, Meta(description="Stop method that the participant tried, or `none`.")] = None
-    stop_after_s: Annotated[float | None, Meta(description="Time from the request to the stop.")] = None
+    vibration_felt: Annotated[
+        bool | None, Meta(description="Whether the participant felt the vibration.")
+    ] = msgspec.field(default=None, name="haptics")
+    sound_heard: Annotated[bool | None, Meta(description="Whether the participant heard the sound.")] = (
+        msgspec.field(default=None, name="sound")
+    )
+    stop_method: Annotated[
+        str | None, Meta(description="Stop method that the participant tried, or `none`.")
+    ] = msgspec.field(default=None, name="stop")
+    stop_delay_s: Annotated[float | None, Meta(description="Time from the request to the stop.")] = (
+        msgspec.field(default=None, name="stop_after_s")
+    )
 
 
 class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
@@ -110,18 +124,28 @@ class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
     needed_parts: Annotated[
         tuple[str, ...], Meta(description="The parts that the task needs: `head`, `left`, `right`.")
     ] = msgspec.field(name="tracked")
-    trial: Annotated[int, Meta(description="Number of the trial in the session, from 1.")]
-    attempt: Annotated[int, Meta(description="Number of the attempt at the trial, from 1.")]
-    steps: Annotated[int, Meta(description="Planned number of control steps.")]
+    trial_number: Annotated[int, Meta(description="Number of the trial in the session, from 1.")] = (
+        msgspec.field(name="trial")
+    )
+    attempt_number: Annotated[int, Meta(description="Number of the attempt at the trial, from 1.")] = (
+        msgspec.field(name="attempt")
+    )
+    planned_steps: Annotated[int, Meta(description="Planned number of control steps.")] = msgspec.field(
+        name="steps"
+    )
     simulated: Annotated[bool, Meta(description="Whether the participant is simulated.")]
     person: BodyModel
-    start_rad: Annotated[
+    start_angles_rad: Annotated[
         tuple[float, ...],
         Meta(description="The person's joint angles at the start, in the order of `joints`."),
-    ]
-    start: EpisodeStart
-    joints: Annotated[tuple[str, ...], Meta(description="The joints of the person.")]
-    bodies: Annotated[tuple[str, ...], Meta(description="The bodies of the scene.")]
+    ] = msgspec.field(name="start_rad")
+    episode_start: EpisodeStart = msgspec.field(name="start")
+    joint_names: Annotated[tuple[str, ...], Meta(description="The joints of the person.")] = msgspec.field(
+        name="joints"
+    )
+    body_names: Annotated[tuple[str, ...], Meta(description="The bodies of the scene.")] = msgspec.field(
+        name="bodies"
+    )
     xr_from_world: Annotated[Pose, Meta(description="Pose of the simulated world in `local-floor`.")]
     language: str
     force_guard: bool
@@ -146,9 +170,9 @@ class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
     settings: Annotated[
         Settings, Meta(description="Settings of the environment that differ from the defaults.")
     ] = DEFAULT_SETTINGS
-    rules: Annotated[
+    trial_rules: Annotated[
         TrialRules | None, Meta(description="Allowed commands, input sources and preferences of the trial.")
-    ] = None
+    ] = msgspec.field(default=None, name="rules")
     furniture: RealFurniture
     reward_weights: dict[str, float]
     items: Annotated[tuple[Item, ...], Meta(description="The questions after the trial, in order.")]
@@ -166,7 +190,7 @@ class TrialConfiguration(msgspec.Struct, frozen=True, kw_only=True):
         body model."""
         return Person(
             **msgspec.structs.asdict(self.person),
-            joint_angles_rad=np.array(self.start_rad, float),
+            joint_angles_rad=np.array(self.start_angles_rad, float),
             absent_arms=self.input_profile.absent_arms,
         )
 

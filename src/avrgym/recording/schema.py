@@ -42,24 +42,24 @@ class Physics(Record, frozen=True):
 class TrackingFrame(Record, frozen=True):
     """One XR frame as received. A pose without tracking is ``None``.
 
-    ``applied``: the frame moved the person; otherwise a newer frame replaced it. ``held``: the frame was stale or
-    invalid, and the person did not move. ``held_parts``: parts (``head``, ``left``, ``right``) that the frame did not
-    move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with poses that
-    are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked: ``controller``,
-    ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
+    ``moved_person``: the frame moved the person; otherwise a newer frame replaced it. ``rejected``: the frame was stale
+    or invalid, and the person did not move. ``rejected_parts``: parts (``head``, ``left``, ``right``) that the frame did
+    not move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with poses
+    that are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked:
+    ``controller``, ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
     """
 
     sequence: int
     client_time_ms: float
     received_time_s: float
-    applied: bool
-    held: bool
+    moved_person: bool = msgspec.field(name="applied")
+    rejected: bool = msgspec.field(name="held")
     head: Pose | None = None
     left: Pose | None = None
     right: Pose | None = None
     left_modality: str = "none"
     right_modality: str = "none"
-    held_parts: list[str] = []
+    rejected_parts: list[str] = msgspec.field(default=[], name="held_parts")
     untracked_parts: list[str] = []
 
 
@@ -76,13 +76,13 @@ class Command(Record, frozen=True):
     """The robot's command at the start of control step ``step``. An interrupted step has no ``Control`` record.
 
     A slow driver or a human operator may change the command during the step. The phase ``retreat`` has no control
-    steps; there, the commands move the robot away from the person. ``brakes``: the action is zero, and the brakes are
-    on.
+    steps; there, the commands move the robot away from the person. ``brakes_on``: the action is zero, and the
+    brakes are on.
     """
 
     step: int
     action: list[float]
-    brakes: bool = False
+    brakes_on: bool = msgspec.field(default=False, name="brakes")
 
 
 class Placement(Record, frozen=True):
@@ -123,31 +123,30 @@ class Event(Record, frozen=True):
 class RobotCommand(Record, frozen=True):
     """A command from the participant to the robot, see ``avrgym.commands.vocabulary``.
 
-    ``source``: input source, such as ``button`` or ``nod``. ``step``: number of finished control steps. ``effective``:
-    the pacing layer reacted. ``refusal``: the reason why the command was ignored; empty if it was allowed.
+    ``source``: input source, such as ``button`` or ``nod``. ``step``: number of finished control steps. ``had_effect``:
+    the pacing layer reacted. ``refusal_reason``: the reason why the command was ignored; empty if it was allowed.
     """
 
     name: str
     source: str
     step: int
-    effective: bool = False
-    refusal: str = ""
+    had_effect: bool = msgspec.field(default=False, name="effective")
+    refusal_reason: str = msgspec.field(default="", name="refusal")
 
 
 class Pacing(Record, frozen=True):
     """State of the pacing layer at the end of a control step, see ``avrgym.safety.pacing``.
 
-    ``mode``: mode, such as ``waiting``. ``speed_factor``: factor of the policy's speed. ``distance_m``: preferred
-    distance. ``side``: preferred side (1 left, -1 right, 0 any). ``gap_m``: distance between tool and mouth or arm.
-    ``tool_speed_m_s``: speed of the tool.
+    ``mode``: mode, such as ``waiting``. ``speed_factor``: factor of the policy's speed. ``preferred_side``: 1 left, -1
+    right, 0 any. ``tool_distance_m``: distance between tool and mouth or arm.
     """
 
     step: int
     mode: str
     speed_factor: float
-    distance_m: float
-    side: float
-    gap_m: float
+    preferred_distance_m: float = msgspec.field(name="distance_m")
+    preferred_side: float = msgspec.field(name="side")
+    tool_distance_m: float = msgspec.field(name="gap_m")
     tool_speed_m_s: float
 
 
@@ -187,14 +186,13 @@ class Latency(Record, frozen=True):
 class Stream(Record, frozen=True):
     """A stream of another device; recorded before its first samples.
 
-    ``stream``: name in the study. ``source``: name of the device. ``kind``: type of measurement as the device reports
-    it, for example ``EEG``. ``rate_hz``: nominal sample rate, 0 for irregular samples. Channel names and units are
-    empty if the device reports none.
+    ``name``: name in the study. ``measurement_type``: as the device reports it, for example ``EEG``. ``rate_hz``: nominal
+    sample rate, 0 for irregular samples. Channel names and units are empty if the device reports none.
     """
 
-    stream: str
-    source: str
-    kind: str
+    name: str = msgspec.field(name="stream")
+    device_name: str = msgspec.field(name="source")
+    measurement_type: str = msgspec.field(name="kind")
     rate_hz: float
     channels: list[str]
     units: list[str]
@@ -203,11 +201,11 @@ class Stream(Record, frozen=True):
 class StreamSamples(Record, frozen=True):
     """Samples of a stream in the order of arrival: numbers in ``values``, or text in ``texts``.
 
-    ``time_s``: time of each sample. ``offset_s``: clock offset that was added to the device's times.
+    ``time_s``: time of each sample. ``clock_offset_s``: clock offset that was added to the device's times.
     """
 
-    stream: str
-    offset_s: float
+    stream_name: str = msgspec.field(name="stream")
+    clock_offset_s: float = msgspec.field(name="offset_s")
     time_s: list[float]
     values: list[list[float]] = []
     texts: list[list[str]] = []
@@ -252,11 +250,11 @@ class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
 class Outcome(Metrics, frozen=True, kw_only=True):
     """End and metrics of an attempt.
 
-    ``cut_off``: the program was killed after the robot finished, and the recording was completed later.
+    ``completed_later``: the program was killed after the robot finished, and the recording was completed later.
     """
 
     result: AttemptEnd
-    cut_off: bool = False
+    completed_later: bool = msgspec.field(default=False, name="cut_off")
 
 
 _encoder = msgspec.json.Encoder()

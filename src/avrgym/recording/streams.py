@@ -167,12 +167,12 @@ class StreamQuality:
 
 def streams_by_name(topics: MessagesByTopic) -> dict[str, Stream]:
     """Returns the streams of a recording by name."""
-    return {each.stream: each for _, each in topics["/streams"]}
+    return {each.name: each for _, each in topics["/streams"]}
 
 
 def stream_chunks(topics: MessagesByTopic, stream: str) -> SampleChunks:
     """Returns all samples of a stream, with their arrival times."""
-    return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream == stream]
+    return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream_name == stream]
 
 
 def stream_sample_times(topics: MessagesByTopic, stream: str) -> SampleTimes:
@@ -191,12 +191,12 @@ def stream_quality(topics: MessagesByTopic) -> list[StreamQuality]:
 
 def _quality(stream: Stream, chunks: SampleChunks, found: SampleTimes) -> StreamQuality:
     times = found.time_s
-    offsets_ms = 1e3 * np.array([chunk.offset_s for _, chunk in chunks] or [0.0])
+    offsets_ms = 1e3 * np.array([chunk.clock_offset_s for _, chunk in chunks] or [0.0])
     lasted_s = float(times[-1] - times[0]) if len(times) > 1 else 0.0
     jitter_s, gaps = _jitter(times, stream.rate_hz)
     return StreamQuality(
-        stream=stream.stream,
-        kind=stream.kind,
+        stream=stream.name,
+        kind=stream.measurement_type,
         samples=len(times),
         rate_hz=stream.rate_hz,
         measured_hz=(len(times) - 1) / lasted_s if lasted_s > 0.0 else 0.0,

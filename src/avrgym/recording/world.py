@@ -27,7 +27,7 @@ def rebuild_world(configuration: TrialConfiguration, *, by_region: bool = False)
             by_region=by_region,
             settings=configuration.settings,
         )
-        episodes.reset_to_start(configuration.start)
+        episodes.reset_to_start(configuration.episode_start)
     except KeyError as error:
         raise ValueError(f"the initial state in the recording lacks {error}") from error
     except (TypeError, ValueError) as error:

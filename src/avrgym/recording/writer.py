@@ -239,7 +239,7 @@ def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
         return
     end = RecordBuilder()
     if recording.outcome is None:
-        outcome = msgspec.structs.replace(recording.robot_outcome, cut_off=True)
+        outcome = msgspec.structs.replace(recording.robot_outcome, completed_later=True)
         mcap_records.Metadata(OUTCOME_RECORD, _to_text(msgspec.to_builtins(outcome))).write(end)
     mcap_records.DataEnd(0).write(end)
     mcap_records.Footer(0, 0, 0).write(end)

@@ -113,7 +113,7 @@ class Playback:
                 self.episodes.simulation.command_person(np.array([record.joint_targets]))
             elif topic == "/commands":
                 self._action, self._action_is_new = np.array([record.action]), True
-                self._brakes = record.brakes
+                self._brakes = record.brakes_on
 
     def _advance(self, time_s: float, physics: Physics) -> ComparedState:
         simulation, recorded = self.episodes.simulation, np.array(physics.state, float)
@@ -259,8 +259,8 @@ def _check_world_version(recording: Recording) -> None:
 
 def _check_names(configuration: TrialConfiguration, episodes: Episodes) -> None:
     for kind, recorded, now in (
-        ("joints", configuration.joints, tuple(JOINTS)),
-        ("bodies", configuration.bodies, tuple(episodes.simulation.bodies)),
+        ("joints", configuration.joint_names, tuple(JOINTS)),
+        ("bodies", configuration.body_names, tuple(episodes.simulation.bodies)),
     ):
         if recorded != now:
             raise ReplayError(

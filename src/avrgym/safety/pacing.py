@@ -70,11 +70,11 @@ class PacingLayer(PerWorldState):
         speed_factor: factors (N,) of the policy's actions.
         preferred_distance_m: preferred distances (N,) between tool and mouth or arm.
         preferred_side: preferred sides (N,): 1 left, −1 right, 0 any.
-        gap_m: distances (N,) between tool and mouth or arm at the start of the control step.
+        tool_distance_m: distances (N,) between tool and mouth or arm at the start of the control step.
     """
 
     STATE_FIELDS = (
-        "mode", "speed_factor", "preferred_distance_m", "preferred_side", "gap_m", "_lateral_m", "_own",
+        "mode", "speed_factor", "preferred_distance_m", "preferred_side", "tool_distance_m", "_lateral_m", "_own",
         "_paused_s", "_moved_s", "_side_tried", "_latest", "_age_s",
     )  # fmt: skip
 
@@ -90,7 +90,7 @@ class PacingLayer(PerWorldState):
         self.speed_factor, self.preferred_distance_m, self.preferred_side = (
             np.zeros(worlds) for _ in range(3)
         )
-        self.gap_m, self._lateral_m = np.zeros(worlds), np.zeros(worlds)
+        self.tool_distance_m, self._lateral_m = np.zeros(worlds), np.zeros(worlds)
         self._own = np.zeros((worlds, len(simulation.scene.action_names)))
         self._paused_s, self._moved_s, self._age_s = (np.zeros(worlds) for _ in range(3))
         self._side_tried = np.zeros(worlds, dtype=bool)
@@ -214,15 +214,16 @@ class PacingLayer(PerWorldState):
         self._retreats.clear()
 
     def _update_modes(self, state: State) -> None:
-        before_m = self.gap_m
-        self.gap_m, self._lateral_m = self._distances(state)
-        next_m = self.gap_m + np.minimum(self.gap_m - before_m, 0.0)
+        before_m = self.tool_distance_m
+        self.tool_distance_m, self._lateral_m = self._distances(state)
+        next_m = self.tool_distance_m + np.minimum(self.tool_distance_m - before_m, 0.0)
         self._own = np.zeros_like(self._own)
         self._arrive((self.mode == APPROACHING) & (next_m <= self.preferred_distance_m))
         self._enter(
-            BACKING_OFF, self.waiting_mask & (self.gap_m < self.preferred_distance_m - DISTANCE_TOLERANCE_M)
+            BACKING_OFF,
+            self.waiting_mask & (self.tool_distance_m < self.preferred_distance_m - DISTANCE_TOLERANCE_M),
         )
-        self._arrive((self.mode == BACKING_OFF) & (self.gap_m >= self.preferred_distance_m))
+        self._arrive((self.mode == BACKING_OFF) & (self.tool_distance_m >= self.preferred_distance_m))
         for world in np.flatnonzero(self.mode == BACKING_OFF).tolist():
             self._back_off(world)
         for world in np.flatnonzero(self.mode == CHANGING_SIDE).tolist():
@@ -276,7 +277,7 @@ class PacingLayer(PerWorldState):
             self._enter(WAITING, self._only(world))
             return
         missing = np.clip(
-            (self.preferred_distance_m[world] - self.gap_m[world]) / DISTANCE_TOLERANCE_M, 0.0, 1.0
+            (self.preferred_distance_m[world] - self.tool_distance_m[world]) / DISTANCE_TOLERANCE_M, 0.0, 1.0
         )
         away_w = state.pad_pos_w[world] - self._reference_w(state)[world]
         direction = np.array([side, 0.0, 0.0]) + missing * away_w / max(float(np.linalg.norm(away_w)), 1e-9)
@@ -296,8 +297,8 @@ class PacingLayer(PerWorldState):
         """Returns the distance (N,) between tool and offered body part, and the tool's offset (N,) to the left."""
         ends_w = state.person_segment_w[:, self._geoms]
         apart = point_segment_distance(state.pad_pos_w[:, None], ends_w[:, :, 0], ends_w[:, :, 1])
-        gap_m = (apart - state.person_radius_m[:, self._geoms]).min(axis=-1)
-        return gap_m, (state.pad_pos_w - self._reference_w(state))[:, 0]
+        tool_distance_m = (apart - state.person_radius_m[:, self._geoms]).min(axis=-1)
+        return tool_distance_m, (state.pad_pos_w - self._reference_w(state))[:, 0]
 
     def _reference_w(self, state: State) -> FloatArray:
         """Returns the position (N, 3) from which the tool's lateral offset is measured."""

@@ -62,8 +62,12 @@ def measurement_text(check: HeadsetCheck) -> str:
             if total is None
             else f"latency: median {total['p50']:.0f} ms, 95th percentile {total['p95']:.0f} ms ({_stages(check)})",
             *(_part_text(name, part) for name, part in _parts(check)),
-            f"vibration {_felt(check.haptics, 'felt')}, chime {_felt(check.sound, 'heard')}",
-            *([] if check.stop is None else [f"stop tested with: {check.stop}{_after(check.stop_after_s)}"]),
+            f"vibration {_felt(check.vibration_felt, 'felt')}, chime {_felt(check.sound_heard, 'heard')}",
+            *(
+                []
+                if check.stop_method is None
+                else [f"stop tested with: {check.stop_method}{_after(check.stop_delay_s)}"]
+            ),
         ]
     )
 
@@ -96,11 +100,11 @@ def _parts(check: HeadsetCheck) -> tuple[tuple[str, TrackedPart], ...]:
 def _part_text(name: str, part: TrackedPart) -> str:
     jitter = "" if part.jitter_mm is None else f", jitter {part.jitter_mm:.2f} mm"
     reach = "" if part.reach_m is None else f", reach {part.reach_m:.2f} m"
-    return f"{name} ({part.with_}) tracked {100.0 * part.share:.0f} %{jitter}{reach}"
+    return f"{name} ({part.modality}) tracked {100.0 * part.tracked_share:.0f} %{jitter}{reach}"
 
 
 def _frame_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
-    if check.frames < MIN_RENDERED_FRAMES:
+    if check.num_frames < MIN_RENDERED_FRAMES:
         yield ParticipantText("fault_no_pictures")
         return
     display_hz = check.display_hz or check.frame_rate_hz
@@ -130,18 +134,18 @@ def _latency_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
 def _tracking_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
     for name, part in _parts(check):
         tracked = {"part": ParticipantText(f"part_{name.replace(' ', '_')}")}
-        if part.with_ == "mouse":
+        if part.modality == "mouse":
             yield ParticipantText("fault_mouse", tracked)
             continue
-        if part.with_ == "rests":
+        if part.modality == "rests":
             continue
-        if part.share < MIN_TRACKED_SHARE:
+        if part.tracked_share < MIN_TRACKED_SHARE:
             shares = {
-                "percent": f"{100.0 * part.share:.0f}",
+                "percent": f"{100.0 * part.tracked_share:.0f}",
                 "least_percent": f"{100.0 * MIN_TRACKED_SHARE:.0f}",
             }
             yield ParticipantText("fault_untracked", tracked | shares)
-        limit_mm = MAX_JITTER_MM.get("head" if name == "head" else part.with_)
+        limit_mm = MAX_JITTER_MM.get("head" if name == "head" else part.modality)
         if limit_mm is not None and part.jitter_mm is not None and part.jitter_mm > limit_mm:
             yield ParticipantText(
                 "fault_jitter", tracked | {"mm": f"{part.jitter_mm:.1f}", "most_mm": f"{limit_mm:g}"}
@@ -149,12 +153,12 @@ def _tracking_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
 
 
 def _sense_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
-    if check.haptics is False:
+    if check.vibration_felt is False:
         yield ParticipantText("fault_haptics")
-    if check.sound is False:
+    if check.sound_heard is False:
         yield ParticipantText("fault_sound")
 
 
 def _stop_faults(check: HeadsetCheck) -> Iterator[ParticipantText]:
-    if check.stop == "none":
+    if check.stop_method == "none":
         yield ParticipantText("fault_no_stop")

@@ -287,7 +287,7 @@ class FaultyStudy:
             return 0
         recording = read_recording(self.store.absolute_path(attempt.recording))
         frames = [frame for _, frame in recording.messages_by_topic["/tracking"]]
-        return sum(frame.held or bool(frame.held_parts) for frame in frames)
+        return sum(frame.rejected or bool(frame.rejected_parts) for frame in frames)
 
     def _faults_of_trials(self, pseudonym: str) -> list[str]:
         found: list[str] = []

@@ -109,7 +109,9 @@ def record_trial(
         angles = human.seated_joint_angles(waist_x=lean_deg + step, head_z=5.0 * step)
         holds = step > STEPS - held
         writer.write(
-            "/tracking", time_ns, TrackingFrame(step, 10.0 * step, step / 10, applied=not holds, held=holds)
+            "/tracking",
+            time_ns,
+            TrackingFrame(step, 10.0 * step, step / 10, moved_person=not holds, rejected=holds),
         )
         writer.write("/body_targets", time_ns - 1, BodyTargets(angles.tolist()))
         control = _control(step, float(rng.normal()))

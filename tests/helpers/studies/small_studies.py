@@ -129,7 +129,7 @@ def _frame(step: int) -> TrackingFrame:
     head = Pose([0.1, 1.2, -0.3 * step], [0.0, 0.0, 0.0, 1.0])
     left = None if step == 2 else Pose([-0.3, 0.8, -0.2], [0.5, 0.5, 0.5, 0.5])
     return TrackingFrame(
-        step, step * 10.0, step / 10, applied=True, held=False, head=head, left=left, right=head
+        step, step * 10.0, step / 10, moved_person=True, rejected=False, head=head, left=left, right=head
     )
 
 

@@ -56,10 +56,10 @@ class CommandRow(ParticipantColumns):
 def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
     """Returns the row of a trial; ``None`` if the trial had no commands and no preferences."""
     pacing: list[Pacing] = [record for _, record in recording.messages_by_topic["/pacing"]]
-    if recording.configuration.rules is None or not pacing:
+    if recording.configuration.trial_rules is None or not pacing:
         return None
     given: list[RobotCommand] = [record for _, record in recording.messages_by_topic["/robot_commands"]]
-    executed = [command for command in given if not command.refusal]
+    executed = [command for command in given if not command.refusal_reason]
     agreed = [_agrees(command, pacing) for command in executed]
     waiting = sum(record.mode == "waiting" for record in pacing)
     return CommandRow(
@@ -96,13 +96,13 @@ def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
     if not after:
         return command.name == "stop"
     before = pacing[max(command.step - 1, 0)]
-    nearest_m, last_m = min(record.gap_m for record in after), after[-1].gap_m
+    nearest_m, last_m = min(record.tool_distance_m for record in after), after[-1].tool_distance_m
     match command.name:
         case "ready" | "again" | "closer":
-            return nearest_m < before.gap_m - MIN_DISTANCE_CHANGE_M or nearest_m < NEAR_DISTANCE_M
+            return nearest_m < before.tool_distance_m - MIN_DISTANCE_CHANGE_M or nearest_m < NEAR_DISTANCE_M
         case "slower":
-            return after[0].speed_factor < before.speed_factor or not command.effective
+            return after[0].speed_factor < before.speed_factor or not command.had_effect
         case "faster":
-            return after[0].speed_factor > before.speed_factor or not command.effective
+            return after[0].speed_factor > before.speed_factor or not command.had_effect
         case _:
-            return last_m > before.gap_m - MIN_DISTANCE_CHANGE_M
+            return last_m > before.tool_distance_m - MIN_DISTANCE_CHANGE_M

@@ -75,7 +75,7 @@ def _body(recording: Recording, posture: Posture) -> BodySeries | None:
     configuration = recording.configuration
     person = configuration.person
     control, targets = recording.messages_by_topic["/control"], recording.messages_by_topic["/body_targets"]
-    if configuration.joints != tuple(JOINTS) or not control or not targets:
+    if configuration.joint_names != tuple(JOINTS) or not control or not targets:
         return None
     angles = _targets_at(targets, [time_ns for time_ns, _ in control])
     if angles.shape[1] != len(JOINTS):

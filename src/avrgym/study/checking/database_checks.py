@@ -31,7 +31,9 @@ def check_database(store: Store) -> Iterator[Finding]:
     for event in store.events():
         if event.name == DATABASE_REBUILT_EVENT:
             yield Finding(
-                "database", f"was rebuilt from the recordings at {event.at}; {event.detail}", is_error=False
+                "database",
+                f"was rebuilt from the recordings at {event.recorded_at}; {event.detail}",
+                is_error=False,
             )
         elif event.name == SITE_DIFFERENCE_EVENT:
             yield Finding("sites", f"were merged although {event.detail}", is_error=False)

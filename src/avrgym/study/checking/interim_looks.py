@@ -29,10 +29,10 @@ def check_interim_looks(store: Store, planned: int = 0) -> Iterator[Finding]:
     for (who, completed, most), entries in looks.items():
         times = f" {len(entries)} times" if len(entries) > 1 else ""
         first = ", first" if len(entries) > 1 else ""
-        names = ", ".join(dict.fromkeys(entry.name for entry in entries))
+        names = ", ".join(dict.fromkeys(entry.action for entry in entries))
         message = (
-            f"were viewed{times} after {completed} of {most} participants by {who}{first} at {entries[0].at} (UTC): "
-            f"{names}"
+            f"were viewed{times} after {completed} of {most} participants by {who}{first} at "
+            f"{entries[0].recorded_at} (UTC): {names}"
         )
         yield Finding(RESULTS_LOCATION, message, is_error=False)
 

@@ -74,9 +74,11 @@ def _check_events(store: Store) -> Iterator[Finding]:
         if event.name == STATE_RESTORED_EVENT:
             yield Finding(where, f"was {event.detail}; the database did not contain it", is_error=False)
         elif event.name == OLDER_COPY_EVENT:
-            yield Finding(where, f"was set back: at {event.at} {event.detail}", is_error=False)
+            yield Finding(where, f"was set back: at {event.recorded_at} {event.detail}", is_error=False)
         elif event.name == PARTICIPATION_CONFIRMED_EVENT:
-            message = f"participation was confirmed at {event.at} by the experimenter: {event.detail}"
+            message = (
+                f"participation was confirmed at {event.recorded_at} by the experimenter: {event.detail}"
+            )
             yield Finding(where, message, is_error=False)
 
 

@@ -145,7 +145,7 @@ class _Rebuilding:
             hash_chain.insert(
                 connection,
                 schema.EVENT_TABLE,
-                at=each["at"],
+                recorded_at=each["at"],
                 name=DATABASE_REBUILT_EVENT,
                 detail=each["detail"],
             )
@@ -328,7 +328,7 @@ class _Rebuilding:
             number=number,
             state="interrupted",
             station=self._store.station,
-            process=0,
+            process_id=0,
             opened_at=_stored(recorded_attempts[0].began_at),
             closed_at=utc_timestamp(),
             headset_check=msgspec.to_builtins(recorded_attempts[-1].configuration.headset_check),
@@ -402,7 +402,7 @@ def _adopt(plan: PlannedTrials, recorded_attempts: Iterable[_RecordedAttempt]) -
 
     Earlier versions of AVR Gym sampled other values than the plan contains.
     """
-    recorded = {each.configuration.trial: each.planned for each in recorded_attempts}
+    recorded = {each.configuration.trial_number: each.planned for each in recorded_attempts}
     return tuple(
         _adopt_one(trial, *recorded[trial.position]) if trial.position in recorded else trial
         for trial in plan

@@ -137,10 +137,10 @@ class _Causes:
         fitting = [
             entry
             for entry in self._log[person.number]
-            if entry.name in COMMANDS_BY_ATTEMPT_STATE.get(attempt.state, ())
-            and attempt.started_at <= entry.at <= ended_at
+            if entry.action in COMMANDS_BY_ATTEMPT_STATE.get(attempt.state, ())
+            and attempt.started_at <= entry.recorded_at <= ended_at
         ]
-        return max(fitting, key=lambda entry: entry.at, default=None)
+        return max(fitting, key=lambda entry: entry.recorded_at, default=None)
 
     def _cause(self, attempt: TrialAttempt, entry: AuditLogEntry | None) -> RepeatCause:
         if attempt.state in CAUSE_BY_STATE:

@@ -46,8 +46,8 @@ def describe_excess_loss(recording: Recording, design: Design) -> str | None:
 
 
 def _is_held(frame: TrackingFrame, part: TrackedBodyPart | None) -> bool:
-    in_part = bool(frame.held_parts) if part is None else part in frame.held_parts
-    return frame.held or in_part
+    in_part = bool(frame.rejected_parts) if part is None else part in frame.rejected_parts
+    return frame.rejected or in_part
 
 
 def _assistance_span_s(recording: Recording) -> tuple[float, float] | None:

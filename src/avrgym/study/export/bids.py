@@ -149,7 +149,7 @@ def _write_run(exported: ExportedAttempt, folder: Path) -> None:
     events = [*topics["/events"], *text_events(topics)]
     _write_events(events, start_s, folder / f"{name}_events", text_stream_corrections(topics, start_s))
     for series in recorded_series(topics, start_s):
-        _write_series(series, exported, folder / f"{name}_recording-{series.stream.stream}_physio")
+        _write_series(series, exported, folder / f"{name}_recording-{series.stream.name}_physio")
 
 
 def _write_series(series: StreamSeries, exported: ExportedAttempt, path: Path) -> None:
@@ -249,7 +249,7 @@ def _row(frame: TrackingFrame, first: TrackingFrame) -> list[float | None]:
 
 def _is_followed(frame: TrackingFrame, field: str) -> bool:
     """Returns whether the person model used the tracked pose of a body part: not untracked, stale or rejected."""
-    return not (frame.held or field in frame.held_parts or field in frame.untracked_parts)
+    return not (frame.rejected or field in frame.rejected_parts or field in frame.untracked_parts)
 
 
 def _write_answers(store: Store, attempts: Sequence[ExportedAttempt], folder: Path) -> None:

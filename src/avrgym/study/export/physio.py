@@ -69,7 +69,7 @@ class StreamSeries:
         came_hz = (len(self.time_s) - 1) / lasted_s if lasted_s > 0.0 else 0.0
         is_gaze = tuple(self.column_names[:2]) == GAZE_COORDINATES
         about = {
-            column: {"Description": f"{label} of {stream.source}", "Units": unit}
+            column: {"Description": f"{label} of {stream.device_name}", "Units": unit}
             for column, label, unit in zip(
                 self.column_names, self.channel_labels, self.channel_units, strict=True
             )
@@ -79,8 +79,8 @@ class StreamSeries:
             "StartTime": float(self.time_s[0]),
             "Columns": ["timestamp", *self.column_names],
             **(EYE_TRACKING_FIELDS if is_gaze else {"PhysioType": "generic"}),
-            "ManufacturersModelName": stream.source,
-            "Description": f"{stream.kind} by Lab Streaming Layer.",
+            "ManufacturersModelName": stream.device_name,
+            "Description": f"{stream.measurement_type} by Lab Streaming Layer.",
             "timestamp": {**TIMESTAMP_FIELDS, **self.time_corrections},
             **about,
         }
@@ -118,7 +118,7 @@ def text_stream_corrections(topics: MessagesByTopic, start_s: float) -> dict[str
 
 
 def _text_chunks(topics: MessagesByTopic) -> Iterator[tuple[str, SampleChunks]]:
-    for name in dict.fromkeys(chunk.stream for _, chunk in topics["/samples"] if chunk.texts):
+    for name in dict.fromkeys(chunk.stream_name for _, chunk in topics["/samples"] if chunk.texts):
         yield name, [each for each in stream_chunks(topics, name) if each[1].texts]
 
 
@@ -141,7 +141,7 @@ def _series(stream: Stream, times: SampleTimes, start_s: float, values: FloatArr
     labels = [_at(stream.channels, channel, f"channel_{channel + 1}") for channel in channels]
     names = _column_names(labels)
     column_order: list[int] = list(channels)
-    if stream.kind.lower() == GAZE_STREAM_TYPE:
+    if stream.measurement_type.lower() == GAZE_STREAM_TYPE:
         first = [next((i for i in column_order if _ends_with(labels[i], axis)), None) for axis in GAZE_AXES]
         if None not in first:
             column_order = [

@@ -74,7 +74,7 @@ def event_rows(store: Store, people: Iterable[Participant], extras: ExportOption
             position=trial.position if trial else None,
             attempt=attempt.number if attempt else None,
             simulated=person.simulated if person else None,
-            at=event.at,
+            at=event.recorded_at,
             name=event.name,
             detail=event.detail if shown else None,
         )
@@ -118,24 +118,28 @@ def note_rows(store: Store, people: Iterable[Participant]) -> Iterator[NoteRow]:
         sessions = _session_numbers(store, [person])
         for note in store.notes(person.pseudonym):
             session = sessions.get(note.session or 0)
-            yield NoteRow(person.pseudonym, person.site, person.simulated, session, note.at, note.text)
+            yield NoteRow(
+                person.pseudonym, person.site, person.simulated, session, note.written_at, note.text
+            )
 
 
 def log_rows(store: Store, extras: ExportOptions) -> Iterator[LogRow]:
     """Yields all entries of the audit log. A number replaces each person's name, unless ``free_text`` is set."""
     entries, sites = store.audit_log(), site_names(store)
-    people = dict.fromkeys((entry.id // ROWS_PER_SITE, entry.person, entry.known_by) for entry in entries)
+    people = dict.fromkeys(
+        (entry.id // ROWS_PER_SITE, entry.person, entry.identified_by) for entry in entries
+    )
     codes = {person: f"person {number}" for number, person in enumerate(people, start=1)}
     for entry in entries:
         site = entry.id // ROWS_PER_SITE
-        has_name = entry.name in (ADD_EXPERIMENTER, REVOKE_EXPERIMENTER)
+        has_name = entry.action in (ADD_EXPERIMENTER, REVOKE_EXPERIMENTER)
         yield LogRow(
             entry=entry.id,
             site=sites.get(site) or store.design.site or None,
-            at=entry.at,
-            person=entry.person if extras.free_text else codes[site, entry.person, entry.known_by],
-            known_by=entry.known_by,
-            name=entry.name,
+            at=entry.recorded_at,
+            person=entry.person if extras.free_text else codes[site, entry.person, entry.identified_by],
+            known_by=entry.identified_by,
+            name=entry.action,
             participant=None if entry.participant is None else pseudonym_of(entry.participant),
             detail=None if has_name and not extras.free_text else entry.detail or None,
             completed=entry.completed,

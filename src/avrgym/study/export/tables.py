@@ -144,7 +144,7 @@ def consent_rows(store: Store) -> Iterator[ConsentRow]:
                 agreed=each.agreed,
                 version=each.version,
                 language=each.language,
-                decided_at=each.at,
+                decided_at=each.decided_at,
                 sha256=each.sha256,
                 text=files.get(each.sha256 or ""),
             )

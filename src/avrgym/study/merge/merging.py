@@ -72,7 +72,7 @@ def make_merged_study(like: Store, names: Mapping[int, str], out: Path) -> None:
         with Store(folder) as store, store.database.write_transaction() as connection:
             for number, name in names.items():
                 hash_chain.insert(
-                    connection, schema.SITE_TABLE, number=number, name=name, entries=0, digest=""
+                    connection, schema.SITE_TABLE, number=number, name=name, num_entries=0, last_digest=""
                 )
 
     write_folder_atomically(out, write)
@@ -276,7 +276,7 @@ def _enter(connection: sa.Connection, site: _SiteMerge) -> None:
                 f"another process merged {known.name!r} at the same time; merge {site.source.name!r} again"
             )
         return
-    row = {"number": site.number, "name": site.source.name, "entries": 0, "digest": ""}
+    row = {"number": site.number, "name": site.source.name, "num_entries": 0, "last_digest": ""}
     hash_chain.insert(connection, schema.SITE_TABLE, **row)
 
 
@@ -324,8 +324,10 @@ def _merge_rest(connection: sa.Connection, site: _SiteMerge) -> None:
         record_event_once(connection, SITE_DIFFERENCE_EVENT, words)
     head = site.source.chain_head
     (before,) = find_rows(connection, Site, number=site.number)
-    if (before.entries, before.digest) != (head.number, head.digest):
-        hash_chain.update(connection, schema.SITE_TABLE, site.number, entries=head.number, digest=head.digest)
+    if (before.num_entries, before.last_digest) != (head.number, head.digest):
+        hash_chain.update(
+            connection, schema.SITE_TABLE, site.number, num_entries=head.number, last_digest=head.digest
+        )
 
 
 def _range(numbers: Sequence[int]) -> str:

@@ -130,13 +130,15 @@ def check_site_continuation(source: SiteStudy, known: Sequence[Site], people: Se
             f"{source.store.folder}: the merged study has another site {shared[0]!r}; set a different `site` in "
             "its study.toml"
         )
-    if before is not None and before.entries:
+    if before is not None and before.num_entries:
         _check_not_set_back(source, before)
 
 
 def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read_transaction() as connection:
-        if hash_chain.missing_heads(connection, [hash_chain.ChainHead(before.entries, before.digest)]):
+        if hash_chain.missing_heads(
+            connection, [hash_chain.ChainHead(before.num_entries, before.last_digest)]
+        ):
             raise StudyError(
                 f"{source.store.folder}: the site {source.name!r} differs from the merged study, or is an older copy. "
                 "Restore the latest copy, or merge into a new folder"

@@ -157,7 +157,7 @@ def safety_events(store: Store, pseudonym: str) -> Iterator[SafetyEvent]:
     trials = {attempt.id: positions[attempt.trial] for attempt in store.attempts(pseudonym)}
     for event in store.events():
         if event.participant == number and event.name in SAFETY_EVENT_NAMES:
-            yield SafetyEvent(event.at, trials.get(event.attempt or 0), event.name, event.detail)
+            yield SafetyEvent(event.recorded_at, trials.get(event.attempt or 0), event.name, event.detail)
 
 
 def _check(report: AdverseEventDetails) -> None:

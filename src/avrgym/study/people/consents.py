@@ -77,7 +77,13 @@ def store_consent(
         )
     at, sha256 = utc_timestamp(), _archived(connection, shown, archive)
     stored_role = None if role == PARTICIPANT else role
-    row = {"at": at, "agreed": agreed, "version": shown.version, "language": shown.language, "sha256": sha256}
+    row = {
+        "decided_at": at,
+        "agreed": agreed,
+        "version": shown.version,
+        "language": shown.language,
+        "sha256": sha256,
+    }
     key = hash_chain.insert(
         connection, schema.CONSENT_TABLE, participant=participant.number, role=stored_role, **row
     )
@@ -122,7 +128,7 @@ def latest_consent(consents: Iterable[ConsentRecord], *, of_proxy: bool = False)
     if not agreed:
         return None
     latest = agreed[-1]
-    return RecordedConsent(latest.at, latest.version, latest.language, latest.sha256, latest.role)
+    return RecordedConsent(latest.decided_at, latest.version, latest.language, latest.sha256, latest.role)
 
 
 def restore_consents(
@@ -132,13 +138,17 @@ def restore_consents(
 
     The design's text is archived if the participant agreed to it.
     """
-    consents = {each.at: each for each in recorded}
+    consents = {each.decided_at: each for each in recorded}
     for _, each in sorted(consents.items()):
         values = msgspec.structs.asdict(each)
         hash_chain.insert(
             connection, schema.CONSENT_TABLE, participant=participant_number, agreed=True, **values
         )
-        row = {"consented_at": each.at, "consent_version": each.version, "consent_sha256": each.sha256}
+        row = {
+            "consented_at": each.decided_at,
+            "consent_version": each.version,
+            "consent_sha256": each.sha256,
+        }
         hash_chain.update(connection, schema.PARTICIPANT_TABLE, participant_number, **row)
         shown = current_consent_text(store, each.language or "")
         if shown and (shown.version, shown.sha256) == (each.version, each.sha256):
@@ -167,5 +177,7 @@ def _archived(connection: sa.Connection, shown: DisplayedConsentText, archive: I
         if same_use and normalize_whitespace(kept.text) == normalize_whitespace(shown.text):
             return kept.sha256
     row = {"version": shown.version, "language": shown.language, "text": shown.text}
-    hash_chain.insert(connection, schema.CONSENT_TEXT_TABLE, at=utc_timestamp(), sha256=shown.sha256, **row)
+    hash_chain.insert(
+        connection, schema.CONSENT_TEXT_TABLE, first_used_at=utc_timestamp(), sha256=shown.sha256, **row
+    )
     return shown.sha256

@@ -178,7 +178,7 @@ def record_consent(store: Store, pseudonym: str, role: str = PARTICIPANT) -> boo
             record_event(connection, CONSENT_INCOMPLETE_EVENT, detail, about)
             return False
         values = {
-            "consented_at": given.at,
+            "consented_at": given.decided_at,
             "consent_version": given.version,
             "consent_sha256": given.sha256,
         }
@@ -303,7 +303,12 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
         own = find_rows(connection, StudySession, participant=participant.number)
         if session is not None and session not in {visit.id for visit in own}:
             raise StudyError(f"session {session} is not a session of {participant}")
-        note = {"at": utc_timestamp(), "participant": participant.number, "session": session, "text": text}
+        note = {
+            "written_at": utc_timestamp(),
+            "participant": participant.number,
+            "session": session,
+            "text": text,
+        }
         hash_chain.insert(connection, schema.NOTE_TABLE, **note)
 
 

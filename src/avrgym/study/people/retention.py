@@ -100,7 +100,7 @@ def recording_deletion_times(store: Store) -> Mapping[int, str]:
     """Returns the time of the scheduled deletion of recordings, by participant number."""
     with store.database.read_transaction() as connection:
         events = find_rows(connection, StudyEvent, name=DELETION_EVENTS[RECORDINGS])
-    return {event.participant: event.at for event in events if event.participant is not None}
+    return {event.participant: event.recorded_at for event in events if event.participant is not None}
 
 
 def _delete(store: Store, kind: str, pseudonym: str) -> None:

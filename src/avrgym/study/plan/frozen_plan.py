@@ -146,8 +146,8 @@ def _check_untouched(store: Store, connection: sa.Connection) -> None:
 def _check_nobody_took_part(connection: sa.Connection) -> None:
     for event in find_rows(connection, StudyEvent, name=DATABASE_REBUILT_EVENT):
         raise StudyError(
-            f"the plan cannot be frozen: the database was rebuilt at {event.at}, and earlier participants are unknown. "
-            "Restore a backup of the database, or create a new study"
+            f"the plan cannot be frozen: the database was rebuilt at {event.recorded_at}, and earlier participants are "
+            "unknown. Restore a backup of the database, or create a new study"
         )
     taken = [each.participant for each in find_rows(connection, StudySession)]
     taken += [each.number for each in find_rows(connection, DeletedParticipant)]
@@ -288,7 +288,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         data,
         FrozenPlan(
             record,
-            known_since=max(each.at for each in own) if is_known else None,
+            known_since=max(each.recorded_at for each in own) if is_known else None,
             is_adopted=all(each.name == PLAN_ADOPTED_EVENT for each in own),
             rebuilt_at=rebuilt_at,
             sha256=sha256(data),

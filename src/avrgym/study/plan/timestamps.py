@@ -65,7 +65,7 @@ class Registration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """URL and day of a registration, as claimed by the researchers."""
 
     url: str
-    on: date
+    registered_on: date = msgspec.field(name="on")
 
 
 @dataclass(frozen=True)

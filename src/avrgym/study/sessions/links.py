@@ -25,7 +25,7 @@ def make_session_link(store: Store, session_id: int, role: str | None = None, li
             connection,
             schema.LINK_TABLE,
             session=session.id,
-            at=utc_timestamp(),
+            created_at=utc_timestamp(),
             sha256=token_sha256(link),
             role=role,
         )

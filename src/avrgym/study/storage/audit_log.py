@@ -89,10 +89,10 @@ def add_log_entry(
             connection,
             schema.LOG_TABLE,
             id=_next_id(connection),
-            at=at or utc_timestamp(),
+            recorded_at=at or utc_timestamp(),
             person=actor.name,
-            known_by=actor.identification_method,
-            name=name,
+            identified_by=actor.identification_method,
+            action=name,
             participant=_number(participant),
             detail=detail,
             completed=completed,
@@ -135,7 +135,7 @@ def describe_log_person(entry: AuditLogEntry, sites: Mapping[int, str]) -> str:
         SHARED_TOKEN: "an unnamed experimenter",
         SPECTATOR_TOKEN: "a spectator",
         COMPUTER_ACCOUNT: f"the account {entry.person}",
-    }.get(entry.known_by, entry.person)
+    }.get(entry.identified_by, entry.person)
     site = sites.get(entry.id // ROWS_PER_SITE)
     return f"{who} of {site}" if site else who
 

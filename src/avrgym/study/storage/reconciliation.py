@@ -246,7 +246,9 @@ def reconcile(known: ParticipationList, connection: sa.Connection) -> None:
         _append(known, before, found.missing_states)
     if found.is_older_copy:
         detail = "this copy of the study is older than the last one on this computer"
-        hash_chain.insert(connection, EVENT_TABLE, at=utc_timestamp(), name=OLDER_COPY_EVENT, detail=detail)
+        hash_chain.insert(
+            connection, EVENT_TABLE, recorded_at=utc_timestamp(), name=OLDER_COPY_EVENT, detail=detail
+        )
     if found.is_older_copy or found.is_unsigned_by_user:
         known.append_entries(
             [(None, _without_participant(connection, LIST_COMPARED_EVENT, utc_timestamp(), ""))]
@@ -266,7 +268,7 @@ def _restore(connection: sa.Connection, number: int, content: EntryContent) -> N
         hash_chain.insert(
             connection,
             EVENT_TABLE,
-            at=utc_timestamp(),
+            recorded_at=utc_timestamp(),
             participant=number,
             name=STATE_RESTORED_EVENT,
             detail=detail,

@@ -86,14 +86,14 @@ class Participant:
 
 @dataclass(frozen=True)
 class StudySession:
-    """A participant's session. ``station``: name of the computer. ``process``: id of the process that runs it."""
+    """A participant's session. ``station``: name of the computer. ``process_id``: id of the process that runs it."""
 
     id: int
     participant: int
     number: int
     state: str
     station: str
-    process: int
+    process_id: int
     opened_at: str
     closed_at: str | None
     headset_check: dict[str, Any] | None
@@ -206,10 +206,10 @@ class StudyAnswer(Answer, frozen=True):
 
 @dataclass(frozen=True)
 class StudyEvent:
-    """A stored event. ``at``: time of storage. ``participant``, ``session``, ``attempt``: ids, or ``None``."""
+    """A stored event. ``recorded_at``: time of storage. ``participant``, ``session``, ``attempt``: ids, or ``None``."""
 
     id: int
-    at: str
+    recorded_at: str
     participant: int | None
     session: int | None
     attempt: int | None
@@ -219,10 +219,10 @@ class StudyEvent:
 
 @dataclass(frozen=True)
 class ExperimenterNote:
-    """A note of an experimenter about a participant. ``at``: time of the note."""
+    """A note of an experimenter about a participant. ``written_at``: time of the note."""
 
     id: int
-    at: str
+    written_at: str
     participant: int
     session: int | None
     text: str
@@ -253,10 +253,10 @@ class AdverseEventReport:
 
 @dataclass(frozen=True)
 class ConsentText:
-    """A consent text in one language. ``at``: time of its first use."""
+    """A consent text in one language. ``first_used_at``: time of its first use."""
 
     id: int
-    at: str
+    first_used_at: str
     sha256: str
     version: str
     language: str
@@ -267,12 +267,12 @@ class ConsentText:
 class ConsentRecord:
     """A decision about a consent text, by the participant or a representative.
 
-    ``at``: time of the decision. ``sha256``: checksum of the text. Fields that an earlier version of AVR Gym did not
-    store are ``None``.
+    ``decided_at``: time of the decision. ``sha256``: checksum of the text. Fields that an earlier version of AVR Gym
+    did not store are ``None``.
     """
 
     id: int
-    at: str
+    decided_at: str
     participant: int
     agreed: bool
     version: str | None
@@ -292,7 +292,7 @@ class StoredSessionLink:
 
     id: int
     session: int
-    at: str
+    created_at: str
     sha256: str
     role: str | None
 
@@ -320,7 +320,7 @@ class InvitationUse:
     id: int
     invitation: int
     participant: int | None
-    at: str
+    used_at: str
     sha256: str
     service_study: str | None
     service_session: str | None
@@ -330,13 +330,14 @@ class InvitationUse:
 class Site:
     """A site of a merged study.
 
-    ``entries`` and ``digest``: number and digest of the last entry in the site's hash chain at the latest merge.
+    ``num_entries`` and ``last_digest``: number and digest of the last entry in the site's hash chain at the latest
+    merge.
     """
 
     number: int
     name: str
-    entries: int
-    digest: str
+    num_entries: int
+    last_digest: str
 
 
 @dataclass(frozen=True)
@@ -363,15 +364,15 @@ class Experimenter:
 class AuditLogEntry:
     """An entry of the audit log: an action, or the view of data.
 
-    ``name``: the action. ``person``: name of the person. ``known_by``: one of ``IDENTIFICATION_METHODS``.
+    ``action``: the action. ``person``: name of the person. ``identified_by``: one of ``IDENTIFICATION_METHODS``.
     ``completed`` and ``planned``: numbers of participants when the person viewed results.
     """
 
     id: int
-    at: str
+    recorded_at: str
     person: str
-    known_by: str
-    name: str
+    identified_by: str
+    action: str
     participant: int | None
     detail: str
     completed: int | None

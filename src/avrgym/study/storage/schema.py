@@ -1,4 +1,7 @@
-"""The tables of a study's database. A new database is created from these definitions. Times are in ISO 8601, UTC."""
+"""The tables of a study's database. A new database is created from these definitions. Times are in ISO 8601, UTC.
+
+Columns keep their names, because checksums of rows include them. ``key`` is the name in Python, where it differs.
+"""
 
 from datetime import UTC, datetime
 from secrets import token_hex
@@ -87,7 +90,7 @@ SESSION_TABLE = Table(
     Column("number", Integer, nullable=False),
     Column("state", String, nullable=False),
     Column("station", String, nullable=False),
-    Column("process", Integer, nullable=False),
+    Column("process", Integer, key="process_id", nullable=False),
     Column("opened_at", String, nullable=False),
     Column("closed_at", String),
     Column("headset_check", JSON(none_as_null=True)),
@@ -149,8 +152,6 @@ ATTEMPT_TABLE = Table(
 
 ``torso_height_m``: torso height of the simulated body. ``input_profile``: the participant's input profile at the start
 of the attempt.
-
-The column with the metrics has the name ``figures``. It cannot be renamed, because checksums include column names.
 """
 
 ANSWER_TABLE = Table(
@@ -176,7 +177,7 @@ EVENT_TABLE = Table(
     "event",
     METADATA,
     Column("id", Integer, primary_key=True),
-    Column("at", String, nullable=False),
+    Column("at", String, key="recorded_at", nullable=False),
     Column("participant", Integer, ForeignKey("participant.number")),
     Column("session", Integer, ForeignKey("session.id")),
     Column("attempt", Integer, ForeignKey("attempt.id")),
@@ -189,7 +190,7 @@ NOTE_TABLE = Table(
     "note",
     METADATA,
     Column("id", Integer, primary_key=True),
-    Column("at", String, nullable=False),
+    Column("at", String, key="written_at", nullable=False),
     Column("participant", Integer, ForeignKey("participant.number"), nullable=False),
     Column("session", Integer, ForeignKey("session.id")),
     Column("text", String, nullable=False),
@@ -220,7 +221,7 @@ CONSENT_TEXT_TABLE = Table(
     "consent_text",
     METADATA,
     Column("id", Integer, primary_key=True),
-    Column("at", String, nullable=False),
+    Column("at", String, key="first_used_at", nullable=False),
     Column("sha256", String, nullable=False),
     Column("version", String, nullable=False),
     Column("language", String, nullable=False),
@@ -233,7 +234,7 @@ CONSENT_TABLE = Table(
     "consent",
     METADATA,
     Column("id", Integer, primary_key=True),
-    Column("at", String, nullable=False),
+    Column("at", String, key="decided_at", nullable=False),
     Column("participant", Integer, ForeignKey("participant.number"), nullable=False),
     Column("agreed", Boolean, nullable=False),
     Column("version", String),
@@ -255,7 +256,7 @@ LINK_TABLE = Table(
     METADATA,
     Column("id", Integer, primary_key=True),
     Column("session", Integer, ForeignKey("session.id"), nullable=False),
-    Column("at", String, nullable=False),
+    Column("at", String, key="created_at", nullable=False),
     Column("sha256", String, nullable=False),
     Column("role", String),
     _salt(),
@@ -287,7 +288,7 @@ INVITATION_USE_TABLE = Table(
     Column("id", Integer, primary_key=True),
     Column("invitation", Integer, ForeignKey("invitation.id"), nullable=False),
     Column("participant", Integer, ForeignKey("participant.number")),
-    Column("at", String, nullable=False),
+    Column("at", String, key="used_at", nullable=False),
     Column("sha256", String, nullable=False),
     Column("service_study", String),
     Column("service_session", String),
@@ -313,8 +314,8 @@ SITE_TABLE = Table(
     METADATA,
     Column("number", Integer, primary_key=True, autoincrement=False),
     Column("name", String, nullable=False),
-    Column("entries", Integer, nullable=False),
-    Column("digest", String, nullable=False),
+    Column("entries", Integer, key="num_entries", nullable=False),
+    Column("digest", String, key="last_digest", nullable=False),
     _salt(),
     UniqueConstraint("name"),
 )
@@ -337,10 +338,10 @@ LOG_TABLE = Table(
     "log",
     METADATA,
     Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("at", String, nullable=False),
+    Column("at", String, key="recorded_at", nullable=False),
     Column("person", String, nullable=False),
-    Column("known_by", String, nullable=False),
-    Column("name", String, nullable=False),
+    Column("known_by", String, key="identified_by", nullable=False),
+    Column("name", String, key="action", nullable=False),
     Column("participant", Integer),
     Column("detail", String, nullable=False),
     Column("completed", Integer),

@@ -36,7 +36,7 @@ def design_from_recording(
         translate: function that translates a sentence of the design into the participant's language.
     """
     changes: dict[str, Any] = {
-        "trial_steps": configuration.steps,
+        "trial_steps": configuration.planned_steps,
         "force_guard": configuration.force_guard,
         "withdraw_after_success": configuration.withdraw_after_success,
         "furniture": configuration.furniture,

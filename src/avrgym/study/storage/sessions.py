@@ -147,7 +147,7 @@ def may_be_running(store: Store, session: StudySession) -> bool:
 
     The result is ``True`` for a process at another station, and ``False`` in a merged study.
     """
-    return not store.sites() and (session.station != store.station or is_process_running(session.process))
+    return not store.sites() and (session.station != store.station or is_process_running(session.process_id))
 
 
 def _insert_session(
@@ -158,7 +158,7 @@ def _insert_session(
         "number": number,
         "state": "open",
         "station": store.station,
-        "process": os.getpid(),
+        "process_id": os.getpid(),
         "opened_at": utc_timestamp(),
     }
     session = find_session(connection, hash_chain.insert(connection, schema.SESSION_TABLE, **row))

@@ -41,5 +41,11 @@ def record_event_once(connection: sa.Connection, name: str, detail: str, **about
         return
     own = max((each.id for each in events if each.id < ROWS_PER_SITE), default=0)
     hash_chain.insert(
-        connection, schema.EVENT_TABLE, id=own + 1, at=utc_timestamp(), name=name, detail=detail, **about
+        connection,
+        schema.EVENT_TABLE,
+        id=own + 1,
+        recorded_at=utc_timestamp(),
+        name=name,
+        detail=detail,
+        **about,
     )

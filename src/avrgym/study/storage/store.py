@@ -236,7 +236,9 @@ class Store:
 
     def rebuilt_at(self) -> str | None:
         """Returns the time of the first rebuild of the database; ``None`` if it was never rebuilt."""
-        return next((event.at for event in self.events() if event.name == DATABASE_REBUILT_EVENT), None)
+        return next(
+            (event.recorded_at for event in self.events() if event.name == DATABASE_REBUILT_EVENT), None
+        )
 
     def notes(self, pseudonym: str) -> list[ExperimenterNote]:
         """Returns the experimenters' notes about a participant, in the order of storage."""
@@ -419,7 +421,9 @@ def store_design(store: Store, connection: sa.Connection, subject: Mapping[str, 
 
 def record_event(connection: sa.Connection, name: str, detail: str, subject: Mapping[str, int]) -> None:
     """Store an event. ``subject``: ids of the event's participant, session and attempt; each id is optional."""
-    hash_chain.insert(connection, schema.EVENT_TABLE, at=utc_timestamp(), name=name, detail=detail, **subject)
+    hash_chain.insert(
+        connection, schema.EVENT_TABLE, recorded_at=utc_timestamp(), name=name, detail=detail, **subject
+    )
 
 
 def latest_event_value(store: Store, pseudonym: str, name: str, kind: type[T]) -> T | None:

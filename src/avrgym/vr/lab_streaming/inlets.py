@@ -73,7 +73,7 @@ class Inlet:
         for samples, times_s in self._chunks_of(inlet, stream.rate_hz):
             offset_s = inlet.time_correction(REQUEST_TIMEOUT_S)
             corrected_s = (times_s + offset_s).tolist()
-            chunk = StreamSamples(stream.stream, offset_s, corrected_s, **{kind: _plain(samples)})
+            chunk = StreamSamples(stream.name, offset_s, corrected_s, **{kind: _plain(samples)})
             self._chunks.append((stream, chunk))
 
     def _chunks_of(self, inlet: pylsl.StreamInlet, rate_hz: float) -> Iterator[tuple[NumpyArray, NumpyArray]]:
@@ -94,9 +94,9 @@ class Inlet:
 def describe_stream(name: str, info: pylsl.StreamInfo) -> Stream:
     """Returns the description of a stream for recordings."""
     return Stream(
-        stream=name,
-        source=info.name(),
-        kind=info.type(),
+        name=name,
+        device_name=info.name(),
+        measurement_type=info.type(),
         rate_hz=info.nominal_srate(),
         channels=_words(info.get_channel_labels()),
         units=_words(info.get_channel_units()),

@@ -161,9 +161,9 @@ class Attempt:
             step=self.steps,
             mode=pacing.mode_name(0),
             speed_factor=float(pacing.speed_factor[0]),
-            distance_m=float(pacing.preferred_distance_m[0]),
-            side=float(pacing.preferred_side[0]),
-            gap_m=float(pacing.gap_m[0]),
+            preferred_distance_m=float(pacing.preferred_distance_m[0]),
+            preferred_side=float(pacing.preferred_side[0]),
+            tool_distance_m=float(pacing.tool_distance_m[0]),
             tool_speed_m_s=float(step.outcome.tool_speed_m_s[0]),
         )
         self.record("/pacing", record, now_s)
@@ -185,7 +185,7 @@ class Attempt:
     def record_frames(self, followed: TrackingUpdate) -> None:
         """Record tracking frames in the order of arrival.
 
-        The newest frame moved all parts of the body, except those in the record's ``held_parts``.
+        The newest frame moved all parts of the body, except those in the record's ``rejected_parts``.
         """
         deviating = [
             part
@@ -198,9 +198,9 @@ class Attempt:
                 sequence=tracking.sequence,
                 client_time_ms=tracking.client_time_ms,
                 received_time_s=frame.received_s - self.started_s,
-                applied=applied,
-                held=followed.is_stale or not frame.is_usable,
-                held_parts=deviating if applied else [],
+                moved_person=applied,
+                rejected=followed.is_stale or not frame.is_usable,
+                rejected_parts=deviating if applied else [],
                 untracked_parts=list(followed.untracked_parts) if applied else [],
                 left_modality=tracking.left_modality,
                 right_modality=tracking.right_modality,
@@ -272,16 +272,16 @@ def attempt_configuration(
         practice=trial.practice,
         goal=plan.goal_text(trial),
         needed_parts=tuple(world.task.tracked),
-        trial=index + 1,
-        attempt=attempt,
-        steps=plan.trial_steps,
+        trial_number=index + 1,
+        attempt_number=attempt,
+        planned_steps=plan.trial_steps,
         simulated=plan.simulated,
         motion_version=MOTION_VERSION,
         person=BodyModel(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale),
-        start_rad=tuple(person.joint_angles_rad.tolist()),
-        start=world.start,
-        joints=tuple(human.JOINTS),
-        bodies=tuple(world.bodies),
+        start_angles_rad=tuple(person.joint_angles_rad.tolist()),
+        episode_start=world.start,
+        joint_names=tuple(human.JOINTS),
+        body_names=tuple(world.bodies),
         xr_from_world=schema.Pose(list(xr_from_world.position), list(xr_from_world.orientation)),
         language=plan.texts.language,
         force_guard=plan.force_guard,
@@ -294,7 +294,7 @@ def attempt_configuration(
         respondent=plan.respondent,
         input_profile=input_profile,
         settings=plan.settings_of(trial),
-        rules=trial.rules,
+        trial_rules=trial.rules,
         furniture=plan.furniture,
         reward_weights=dict(world.task.weights),
         items=tuple(plan.questionnaire_after(trial)),

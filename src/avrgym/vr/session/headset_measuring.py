@@ -15,7 +15,7 @@ from avrgym.vr.protocol.messages import HeadsetFrames, StopMethod, Tracking, XRP
 PoseGetter = Callable[[Tracking], XRPose | None]
 
 RESTING_ARM_MODALITY = "rests"
-"""The value of ``TrackedPart.with_`` for an arm that the participant's input profile does not use."""
+"""The value of ``TrackedPart.modality`` for an arm that the participant's input profile does not use."""
 JITTER_WINDOW_S = 0.5
 MIN_JITTER_FRAMES = 5
 DROPPED_FRAME_PERIODS = 1.5
@@ -86,25 +86,25 @@ class HeadsetMeasurement:
             emulated=latest.emulated if latest else False,
             profiles=latest.profiles if latest else [],
             display_hz=display_hz,
-            seconds=float(intervals_ms.sum()) / 1000.0,
-            frames=len(intervals_ms),
+            duration_s=float(intervals_ms.sum()) / 1000.0,
+            num_frames=len(intervals_ms),
             frame_rate_hz=1000.0 / float(intervals_ms.mean()) if len(intervals_ms) else 0.0,
             dropped_share=dropped_frame_share(intervals_ms, display_hz),
             latency_ms=percentiles_ms(self._latencies),
             head=self._part("headset" if newest and newest.head else "none", _HEAD),
             left=hand("left", newest.left_modality if newest else "none", _LEFT),
             right=hand("right", newest.right_modality if newest else "none", _RIGHT),
-            haptics=haptics,
-            sound=sound,
-            stop=self._stop,
-            stop_after_s=self._stop_after_s,
+            vibration_felt=haptics,
+            sound_heard=sound,
+            stop_method=self._stop,
+            stop_delay_s=self._stop_after_s,
         )
 
     def _part(self, modality: str, take: PoseGetter, *, hand: bool = False) -> TrackedPart:
         tracked = sum(take(frame) is not None for frame in self._tracked)
         return TrackedPart(
-            with_=modality,
-            share=tracked / len(self._tracked) if self._tracked else 0.0,
+            modality=modality,
+            tracked_share=tracked / len(self._tracked) if self._tracked else 0.0,
             jitter_mm=jitter_mm(self._at_rest, take),
             reach_m=_reach_m(self._stretched, take) if hand else None,
         )

@@ -87,8 +87,8 @@ class StreamRecording:
         attempt, now_s = self._state.attempt_storage.attempt, self._state.now_s
         if attempt is None:
             return
-        if self._described.get(stream.stream) != stream:
-            self._described[stream.stream] = stream
+        if self._described.get(stream.name) != stream:
+            self._described[stream.name] = stream
             attempt.record("/streams", stream, now_s)
         of_trial = [time_s - attempt.started_s for time_s in samples.time_s]
         attempt.record("/samples", msgspec.structs.replace(samples, time_s=of_trial), now_s)

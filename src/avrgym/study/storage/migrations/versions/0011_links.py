@@ -96,7 +96,7 @@ def _copy_consents() -> None:
         hash_chain.insert(
             connection,
             schema.CONSENT_TABLE,
-            at=row.consented_at,
+            decided_at=row.consented_at,
             participant=row.number,
             agreed=True,
             version=row.consent_version,
