@@ -172,7 +172,7 @@ def broken(tmp_path_factory: pytest.TempPathFactory) -> Broken:
         recording(store, "sub-002", 1).write_bytes(b"foreign")
         rewrite(store, "sub-002", 2, versions=Versions("0.0.1", "3.9.0"))
         rewrite(store, "sub-003", 1, simulated=True)
-        rewrite(store, "sub-003", 2, joints=("waist_x",))
+        rewrite(store, "sub-003", 2, joint_names=("waist_x",))
         rewrite(store, "sub-004", 1, other_course=9)
         for pseudonym, position in product(("sub-001", "sub-002", "sub-003", "sub-004"), (1, 2)):
             take_as_recorded(store, pseudonym, position)

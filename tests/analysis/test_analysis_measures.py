@@ -27,7 +27,7 @@ from avrgym.recording.reader import Recording
 from avrgym.recording.schema import BodyTargets, Control
 from helpers.studies.configurations import configuration
 
-KNOWN_BODY = configuration(person=BodyModel("woman", 0.55, "fair"), joints=tuple(JOINTS))
+KNOWN_BODY = configuration(person=BodyModel("woman", 0.55, "fair"), joint_names=tuple(JOINTS))
 
 
 @pytest.mark.parametrize("posture", [SEATED, RECLINED], ids=["seated", "in bed"])
@@ -69,7 +69,7 @@ def test_targets_hold_until_they_change() -> None:
     ("targets", "recorded"),
     [
         ([], KNOWN_BODY),
-        ([(0, 1.0)], msgspec.structs.replace(KNOWN_BODY, joints=("waist_x",))),
+        ([(0, 1.0)], msgspec.structs.replace(KNOWN_BODY, joint_names=("waist_x",))),
     ],
 )
 def test_without_targets_or_a_known_body_there_is_none(targets: list, recorded: TrialConfiguration) -> None:

@@ -54,7 +54,7 @@ def record(
     recorded = configuration(
         environment=f"avrgym/{TASK}Jaco-v1",
         person=BodyModel(sex, torso_height_m, "fair"),
-        joints=tuple(JOINTS),
+        joint_names=tuple(JOINTS),
     )
     writer = RecordingWriter(path, recorded)
     leaning, turned = angles_deg(waist_x=lean_deg), angles_deg(waist_x=lean_deg, head_z=largest_motion_deg)

@@ -155,7 +155,7 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** Acknowledges states: `states` is the total number received. Sent after every `STATES_PER_RECEIPT` states. */
+/** Acknowledges states; sent after every `STATES_PER_RECEIPT` states. `num_states`: total number received. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -246,7 +246,7 @@ export interface ChooseBody {
 
 /** The targets that the participant can select now. The experimenter may select one for the participant.
  *
- * `number` increases with each offer. An offer without targets ends the previous one. */
+ * `offer_number` increases with each offer. An offer without targets ends the previous one. */
 export interface Offered {
   type: "offered";
   number: number;
@@ -304,7 +304,7 @@ export interface ChooseParticipantBody {
   skin_tone: string;
 }
 
-/** The experimenter selects a target for the participant. `number` is the number of the offer. */
+/** The experimenter selects a target for the participant. */
 export interface Press {
   type: "press";
   number: number;

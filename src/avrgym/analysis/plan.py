@@ -243,7 +243,7 @@ def _frozen_text(frozen: FrozenPlan) -> Markup:
         "Sample size rationale": plan.sample_size_rationale,
         "Stopping rule": plan.stopping_rule,
         "Excluded": f"trials with tracking loss for more than {100 * plan.exclusion.max_held_share:g} % of the time",
-        "Further exclusions": " ".join(plan.exclusion.further),
+        "Further exclusions": " ".join(plan.exclusion.other_rules),
         "Other decisions": plan.other,
     }
     return join_markup(

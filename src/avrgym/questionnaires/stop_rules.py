@@ -12,15 +12,15 @@ STOP_ACTIONS = ("pause", "end")
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """If the answer to ``item`` has at least the value ``at_least``, the action ``then`` (pause or end) is executed.
+    """If the answer to ``item`` has at least the value ``min_value``, the action ``action`` (pause or end) is executed.
 
     For a validated questionnaire, values are on its response scale. For other questionnaires, values are from 1 to
     ``points``.
     """
 
     item: str
-    at_least: float
-    then: str
+    min_value: float = msgspec.field(name="at_least")
+    action: str = msgspec.field(name="then")
 
 
 class StopDecision(NamedTuple):
@@ -42,12 +42,12 @@ class StopRules:
         met = [rule for rule in self.rules if rule.item == item_id and self._is_met(rule, value)]
         if not met:
             return None
-        rule = max(met, key=lambda each: STOP_ACTIONS.index(each.then))
+        rule = max(met, key=lambda each: STOP_ACTIONS.index(each.action))
         questionnaire, item = self.find_item(item_id)
         answer = item.labels[value - 1] if item.labels else _value_text(questionnaire, item, value)
         return StopDecision(
-            rule.then,
-            f"{item.text!r} was answered {answer!r}; the limit of its stop rule is {rule.at_least:g}",
+            rule.action,
+            f"{item.text!r} was answered {answer!r}; the limit of its stop rule is {rule.min_value:g}",
         )
 
     def value_range(self, item: str) -> tuple[float, float]:
@@ -64,7 +64,7 @@ class StopRules:
         raise KeyError(item)
 
     def _is_met(self, rule: StopRule, value: int) -> bool:
-        return _count(self.find_item(rule.item)[0], value) >= rule.at_least
+        return _count(self.find_item(rule.item)[0], value) >= rule.min_value
 
 
 def _value_text(questionnaire: Questionnaire, item: Item, value: int) -> str:

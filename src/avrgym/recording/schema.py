@@ -43,9 +43,9 @@ class TrackingFrame(Record, frozen=True):
     """One XR frame as received. A pose without tracking is ``None``.
 
     ``moved_person``: the frame moved the person; otherwise a newer frame replaced it. ``rejected``: the frame was stale
-    or invalid, and the person did not move. ``rejected_parts``: parts (``head``, ``left``, ``right``) that the frame did
-    not move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with poses
-    that are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked:
+    or invalid, and the person did not move. ``rejected_parts``: parts (``head``, ``left``, ``right``) that the frame
+    did not move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with
+    poses that are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked:
     ``controller``, ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
     """
 
@@ -186,8 +186,8 @@ class Latency(Record, frozen=True):
 class Stream(Record, frozen=True):
     """A stream of another device; recorded before its first samples.
 
-    ``name``: name in the study. ``measurement_type``: as the device reports it, for example ``EEG``. ``rate_hz``: nominal
-    sample rate, 0 for irregular samples. Channel names and units are empty if the device reports none.
+    ``name``: name in the study. ``measurement_type``: as the device reports it, for example ``EEG``. ``rate_hz``:
+    nominal sample rate, 0 for irregular samples. Channel names and units are empty if the device reports none.
     """
 
     name: str = msgspec.field(name="stream")

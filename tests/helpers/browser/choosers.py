@@ -46,7 +46,7 @@ class ExperimenterClient:
         offered = self.targets
         if value not in [target.value for target in offered.targets]:
             return False
-        self.send(messages.Press(offered.number, value))
+        self.send(messages.Press(offered.offer_number, value))
         return True
 
     def _receive(self) -> None:

@@ -101,9 +101,9 @@ def record(
     ``changes`` are fields of its configuration.
     """
     values = {
-        "attempt": attempt.number,
+        "attempt_number": attempt.number,
         "simulated": simulated,
-        "joints": ("waist_x", "waist_y"),
+        "joint_names": ("waist_x", "waist_y"),
         "person": BodyModel("woman", TORSO_HEIGHT_M, "fair"),
     }
     configuration = trial_configuration(store.design, trial, **values | changes)

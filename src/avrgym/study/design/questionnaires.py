@@ -54,11 +54,11 @@ def check_stop_rules(rules: StopRules) -> None:
     for index, rule in enumerate(rules.rules):
         place = ("stop_rules", index)
         check_known_name((*place, "item"), rule.item, items)
-        check_allowed_value((*place, "then"), rule.then, STOP_ACTIONS)
+        check_allowed_value((*place, "then"), rule.action, STOP_ACTIONS)
         least, most = rules.value_range(rule.item)
-        if not least < rule.at_least <= most:
+        if not least < rule.min_value <= most:
             raise ValidationError(
                 (*place, "at_least"),
-                f"at_least = {rule.at_least:g} is out of range for {rule.item}; allowed: above {least:g}, "
+                f"at_least = {rule.min_value:g} is out of range for {rule.item}; allowed: above {least:g}, "
                 f"at most {most:g}",
             )

@@ -145,7 +145,7 @@ def _explain(error: msgspec.ValidationError, tables: StructByKeyPath) -> tuple[V
     unknown = re.search(r"unknown field `(.+)`", message)
     if unknown:
         table = tables[tuple(key for key in place if isinstance(key, str))]
-        allowed = ", ".join(table.__struct_fields__)
+        allowed = ", ".join(table.__struct_encode_fields__)
         return (*place, unknown[1]), f"unknown name {unknown[1]!r}; allowed: {allowed}"
     named = f"{place[-1]}: " if place and isinstance(place[-1], str) else ""
     return place, named + message.replace("`", "")

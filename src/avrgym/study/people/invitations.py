@@ -104,7 +104,7 @@ def create_invitations(
             key = hash_chain.insert(
                 connection,
                 schema.INVITATION_TABLE,
-                created_used_at=utc_timestamp(),
+                created_at=utc_timestamp(),
                 sha256=token_sha256(token),
                 label=label or None,
                 expires_at=expires_at,
@@ -138,7 +138,7 @@ def close_invitation(store: Store, invitation: int) -> None:
             raise StudyError(
                 f"there is no invitation {invitation}; `avrgym study invitations` lists all invitations"
             )
-        hash_chain.update(connection, schema.INVITATION_TABLE, invitation, closed_used_at=utc_timestamp())
+        hash_chain.update(connection, schema.INVITATION_TABLE, invitation, closed_at=utc_timestamp())
 
 
 def check_invitation(store: Store, token: str) -> Invitation:

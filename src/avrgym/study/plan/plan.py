@@ -33,12 +33,12 @@ class Hypothesis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class ExclusionRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Rules for the exclusion of trials and participants.
 
-    ``max_held_share``: maximum share of time with tracking loss. ``further``: further rules as text.
+    ``max_held_share``: maximum share of time with tracking loss. ``other_rules``: further rules as text.
     ``rules``: rules that the analysis applies to participants.
     """
 
     max_held_share: float
-    further: tuple[NonEmptyText, ...] = ()
+    other_rules: tuple[NonEmptyText, ...] = msgspec.field(default=(), name="further")
     rules: tuple[ExclusionRule, ...] = ()
 
 

@@ -202,7 +202,7 @@ def _exclusion(design: Design, plan: Plan) -> str:
     by_name = [
         f"Participants who violate the rule {each.name!r}: {_rule(each)}" for each in plan.exclusion.rules
     ]
-    return bullet_list([*rules, *by_name, *plan.exclusion.further])
+    return bullet_list([*rules, *by_name, *plan.exclusion.other_rules])
 
 
 def _rule(rule: ExclusionRule) -> str:

@@ -24,7 +24,8 @@ def _sentences(store: Store) -> Iterator[str]:
         if event.name == DATABASE_REBUILT_EVENT:
             yield (
                 f"The study's database{_of_site(sites, event)} was lost and rebuilt from the recordings at "
-                f"{event.recorded_at} (UTC); {event.detail}. A plan is confirmatory only if a trusted time stamp proves its date."
+                f"{event.recorded_at} (UTC); {event.detail}. A plan is confirmatory only if a trusted time stamp "
+                "proves its date."
             )
     unknown = [each.pseudonym for each in people if each.state == UNKNOWN_PARTICIPATION]
     if unknown:

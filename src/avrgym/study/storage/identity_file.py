@@ -40,13 +40,13 @@ class Identity(msgspec.Struct, frozen=True):
 class IdentityFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Contents of the identity file.
 
-    ``key_source``: source of the key. ``check``: encrypted ``format``; only the correct key can decrypt it.
+    ``key_source``: source of the key. ``key_check``: encrypted ``format``; only the correct key can decrypt it.
     ``entries``: encrypted identities, by pseudonym.
     """
 
     format: str
     key_source: KeySource = msgspec.field(name="lock")
-    check: str
+    key_check: str = msgspec.field(name="check")
     entries: dict[str, str]
 
 
@@ -108,7 +108,7 @@ def _checked(folder: Path, file: IdentityFile) -> bytes:
     """Returns the key. Raises ``KeyUnavailableError`` if it is missing or wrong."""
     key = load_key(folder, file.key_source)
     try:
-        _decrypt_bytes(key, IDENTITY_FORMAT, file.check)
+        _decrypt_bytes(key, IDENTITY_FORMAT, file.key_check)
     except InvalidTag:
         which = (
             "the passphrase of the identity file"

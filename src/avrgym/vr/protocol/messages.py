@@ -137,9 +137,9 @@ class Tracking(Message, frozen=True, tag="tracking"):
 
 
 class Receipt(Message, frozen=True, tag="receipt"):
-    """Acknowledges states: ``states`` is the total number received. Sent after every ``STATES_PER_RECEIPT`` states."""
+    """Acknowledges states; sent after every ``STATES_PER_RECEIPT`` states. ``num_states``: total number received."""
 
-    states: Annotated[int, msgspec.Meta(ge=0)]
+    num_states: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="states")
 
 
 class Entered(Message, frozen=True, tag="entered"):
@@ -224,10 +224,10 @@ class Target(msgspec.Struct, frozen=True):
 class Offered(Message, frozen=True, tag="offered"):
     """The targets that the participant can select now. The experimenter may select one for the participant.
 
-    ``number`` increases with each offer. An offer without targets ends the previous one.
+    ``offer_number`` increases with each offer. An offer without targets ends the previous one.
     """
 
-    number: Annotated[int, msgspec.Meta(ge=0)]
+    offer_number: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="number")
     targets: Annotated[list[Target], msgspec.Meta(max_length=128)]
 
 
@@ -348,10 +348,10 @@ class WatcherRobotCommand(Message, frozen=True, tag="robot_command"):
 
 
 class Press(Message, frozen=True, tag="press"):
-    """The experimenter selects a target for the participant. ``number`` is the number of the offer."""
+    """The experimenter selects a target for the participant."""
 
-    number: Annotated[int, msgspec.Meta(ge=0)]
-    value: int
+    offer_number: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="number")
+    target_value: int = msgspec.field(name="value")
 
 
 class MarkPoint(Message, frozen=True, tag="mark_point"):

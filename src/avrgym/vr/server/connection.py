@@ -250,7 +250,7 @@ async def _receive(
             if isinstance(message, Hello):
                 outbox.push(Problem(message="only the first message may be a hello"))
             elif isinstance(message, Receipt):
-                outbox.acknowledge_states(message.states)
+                outbox.acknowledge_states(message.num_states)
             elif message is not None and (refusal := _refusal(caller.role, message)):
                 outbox.push(Problem(message=refusal, role=caller.role))
             elif message is not None:

@@ -34,10 +34,10 @@ class ParticipantInput:
         With any method except ``experimenter``, only the participant selects. The experimenter then gets an error.
         """
         if isinstance(message, messages.Offered):
-            self._targets = messages.Targets(message.number, message.targets)
+            self._targets = messages.Targets(message.offer_number, message.targets)
             send(self._targets)
         elif self.profile.method == "experimenter":
-            send(messages.Pressed(message.number, message.value))
+            send(messages.Pressed(message.offer_number, message.target_value))
         else:
             problem = (
                 f"the participant selects with {self.profile.method}; "
