@@ -23,16 +23,16 @@ CHECK = HeadsetCheck(
     emulated=False,
     profiles=["some-controller"],
     display_hz=72.0,
-    seconds=60.0,
-    frames=4320,
+    duration_s=60.0,
+    num_frames=4320,
     frame_rate_hz=71.9,
     dropped_share=0.002,
     latency_ms={stage: {"p50": 31.0, "p95": 44.0, "p99": 50.0} for stage in ("total_ms", *STAGES)},
     head=TrackedPart("headset", 1.0, 0.31),
     left=TrackedPart("controller", 1.0, 0.52, 0.61),
     right=TrackedPart("controller", 1.0, 0.48, 0.63),
-    haptics=True,
-    sound=True,
+    vibration_felt=True,
+    sound_heard=True,
 )
 
 

@@ -23,16 +23,16 @@ READY = HeadsetCheck(
     emulated=False,
     profiles=["a-controller"],
     display_hz=90.0,
-    seconds=60.0,
-    frames=5400,
+    duration_s=60.0,
+    num_frames=5400,
     frame_rate_hz=90.0,
     dropped_share=0.001,
     latency_ms={stage: {"p50": 5.0, "p95": 8.0, "p99": 10.0} for stage in ("total_ms", *STAGES)},
     head=TrackedPart("headset", 1.0, 0.2),
     left=TrackedPart("controller", 1.0, 0.4, 0.62),
     right=TrackedPart("hand", 0.97, 4.0, 0.6),
-    haptics=True,
-    sound=True,
+    vibration_felt=True,
+    sound_heard=True,
 )
 
 
@@ -52,11 +52,11 @@ def test_a_headset_without_faults_is_ready() -> None:
     assert is_headset_ready(READY)
     assert result_text(READY) == "Go: the headset is ready."
     for asked_nobody in (None, True):
-        assert is_headset_ready(but(haptics=asked_nobody, sound=asked_nobody))
+        assert is_headset_ready(but(vibration_felt=asked_nobody, sound_heard=asked_nobody))
 
 
 FAULTS = [
-    (but(frames=0), "rendered no pictures", "put it on"),
+    (but(num_frames=0), "rendered no pictures", "put it on"),
     (but(display_hz=50.0), "50 Hz", "higher rate"),
     (but(display_hz=None, frame_rate_hz=45.0), "45 Hz", "higher rate"),
     (but(dropped_share=0.2), "20 % of the frames", "close other programs"),
@@ -67,8 +67,8 @@ FAULTS = [
     (but(left=TrackedPart("controller", 1.0, 4.0)), "left hand jitters at rest", "hold still"),
     (but(right=TrackedPart("none", 0.0)), "right hand is tracked 0 %", "switch controllers on"),
     (but(right=TrackedPart("mouse", 1.0)), "follows a mouse", "enter VR"),
-    (but(haptics=False), "not felt", "vibration"),
-    (but(sound=False), "not heard", "volume"),
+    (but(vibration_felt=False), "not felt", "vibration"),
+    (but(sound_heard=False), "not heard", "volume"),
 ]
 ALL = [READY, *(check for check, *_ in FAULTS)]
 
@@ -87,7 +87,7 @@ def test_each_fault_is_told_alone_with_what_to_do(check: HeadsetCheck, what: str
 
 
 def test_who_reads_in_vr_is_told_the_first_faults_and_how_many_more_there_are() -> None:
-    bad = but(haptics=False, sound=False, dropped_share=0.2)
+    bad = but(vibration_felt=False, sound_heard=False, dropped_share=0.2)
     assert len(find_headset_faults(bad)) == 3
     for texts in map(read_texts, included_languages()):
         told, third = texts.render(result_message(bad, 2)), texts.render(find_headset_faults(bad)[2])
@@ -104,6 +104,6 @@ def test_a_bare_hand_may_tremble_more_than_a_controller() -> None:
 
 
 def test_a_check_comes_back_from_where_it_is_stored_as_it_was() -> None:
-    for check in (READY, but(display_hz=None, haptics=None, latency_ms={})):
+    for check in (READY, but(display_hz=None, vibration_felt=None, latency_ms={})):
         assert msgspec.convert(msgspec.json.decode(msgspec.json.encode(check)), HeadsetCheck) == check
         assert measurement_text(check)

@@ -198,10 +198,10 @@ def title(recording: Recording) -> str:
     """Returns the title of a recording: environment, policy, trial, attempt, and whether the participant is
     simulated."""
     trial = recording.configuration
-    kind = "practice" if trial.practice else f"trial {trial.trial}"
+    kind = "practice" if trial.practice else f"trial {trial.trial_number}"
     participant = "simulated participant" if trial.simulated else "participant"
     scene = trial.environment.removeprefix("avrgym/")
-    return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt}: {participant}"
+    return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt_number}: {participant}"
 
 
 def phase_starts(recording: Recording) -> list[tuple[float, str]]:

@@ -78,7 +78,7 @@ def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> C
         waiting_s=waiting * control_step_s,
         agreement_share=sum(agreed) / len(agreed) if agreed else None,
         speed_factor=sum(record.speed_factor for record in pacing) / len(pacing),
-        distance_m=pacing[-1].distance_m,
+        distance_m=pacing[-1].preferred_distance_m,
     )
 
 

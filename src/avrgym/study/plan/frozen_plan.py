@@ -251,7 +251,7 @@ class FrozenPlan:
             )
         if self.registration is not None:
             claim = self.registration
-            yield f"The researchers claim a registration of {claim.on} at {claim.url}; this is not verified."
+            yield f"The researchers claim a registration of {claim.registered_on} at {claim.url}; this is not verified."
 
 
 def _minute(at: str) -> str:
