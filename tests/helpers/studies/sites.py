@@ -36,11 +36,11 @@ def add_participant(folder: Path, trials: int | None) -> str:
 
 
 def set_in_design(folder: Path, before: str, after: str) -> None:
-    """Replace text in a site's design."""
+    """Replace the first such line in a site's design."""
     path = folder / "study.toml"
     text = path.read_text()
-    assert text.count(f"\n{before}\n") == 1
-    path.write_text(text.replace(f"\n{before}\n", f"\n{after}\n"))
+    assert f"\n{before}\n" in text
+    path.write_text(text.replace(f"\n{before}\n", f"\n{after}\n", 1))
 
 
 def files_in(folder: Path) -> Tree:
