@@ -25,7 +25,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.settings import Settings
 from avrgym.vr.protocol.messages import Answer, ChangePreferences
-from avrgym.vr.session.phases.preparation import trial_text
+from avrgym.vr.session.phases.setup_phases import trial_text
 from avrgym.vr.session.preference_questions import QUESTIONS
 from helpers.studies.known_results import enrol_included
 from helpers.studies.small_studies import make_study

@@ -100,7 +100,11 @@ def test_complete_visit_is_stored(store: Store) -> None:
         recording = read_recording(store.absolute_path(attempt.recording))
         run = recording.configuration
         assert (run.environment, run.policy) == (trial.environment, trial.policy)
-        assert (run.seed, run.trial_number, run.attempt_number) == (trial.seed, trial.position, attempt.number)
+        assert (run.seed, run.trial_number, run.attempt_number) == (
+            trial.seed,
+            trial.position,
+            attempt.number,
+        )
         assert recording.outcome == Outcome(result="completed", **asdict(attempt.metrics))
         controls = [control for _, control in recording.messages_by_topic["/control"]]
         assert attempt.metrics.reward == sum(control.reward for control in controls)

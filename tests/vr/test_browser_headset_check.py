@@ -10,7 +10,7 @@ from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.headset_check import fault_text, result_message
 from avrgym.vr.latency import STAGES
 from avrgym.vr.session import events
-from avrgym.vr.session.phases.headset_check import MAX_SHOWN_FAULTS
+from avrgym.vr.session.phases.headset_phases import MAX_SHOWN_FAULTS
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from helpers.browser.journey import Journey, wait_until
 from helpers.vr.visit import constant_policies, plan

@@ -37,7 +37,7 @@ from avrgym.vr.protocol.messages import (
 from avrgym.vr.session import events as session_events
 from avrgym.vr.session.phases import PHASES
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.phases.preparation import ReachMeasurement
+from avrgym.vr.session.phases.setup_phases import ReachMeasurement
 from avrgym.vr.session.plan import HeadsetCheckPlan
 from avrgym.vr.session.session import Session
 from helpers.vr.visit import Visit, constant_policies, plan

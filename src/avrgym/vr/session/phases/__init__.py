@@ -7,7 +7,7 @@ Therefore the modules import each other through this package.
 
 from avrgym.vr.protocol.messages import PhaseName
 from avrgym.vr.session.phases.breaks import Break, BreakQuestionnaire
-from avrgym.vr.session.phases.headset_check import (
+from avrgym.vr.session.phases.headset_phases import (
     DroppedFrameMeasurement,
     EmergencyStopTest,
     FeedbackTest,
@@ -16,9 +16,9 @@ from avrgym.vr.session.phases.headset_check import (
     HeadsetCheckStart,
     JitterMeasurement,
 )
-from avrgym.vr.session.phases.pause_and_end import RecordingFailed, SessionFinished, SessionPaused
+from avrgym.vr.session.phases.pause_phases import RecordingFailed, SessionFinished, SessionPaused
 from avrgym.vr.session.phases.phase import Phase
-from avrgym.vr.session.phases.preparation import (
+from avrgym.vr.session.phases.setup_phases import (
     BodyCheck,
     Calibration,
     LoadingBodyCheck,
@@ -31,7 +31,7 @@ from avrgym.vr.session.phases.preparation import (
     StoringTrial,
     WaitingForParticipant,
 )
-from avrgym.vr.session.phases.trial import (
+from avrgym.vr.session.phases.trial_phases import (
     AnswerConfirmation,
     Countdown,
     FreeMovementAfterTrial,

@@ -13,7 +13,7 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.session import events, phases
 from avrgym.vr.session.interruptions import Interruption
 from avrgym.vr.session.phases.base_phases import QuestionnairePhase, RobotFinishedPhase, StoppablePhase
-from avrgym.vr.session.phases.preparation import trial_text
+from avrgym.vr.session.phases.setup_phases import trial_text
 from avrgym.vr.session.questions import QuestionSequence
 from avrgym.vr.session.state import SessionState
 
