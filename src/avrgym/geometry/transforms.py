@@ -42,6 +42,9 @@ def normalize(q: AnyArray) -> FloatArray:
 def norm(v: AnyArray) -> FloatArray:
     """Returns the length (...) of vectors (..., n)."""
     xp, v = namespace_and_floats(v)
+    if xp is np and v.ndim > 1 and v.shape[-1] == 3:  # the same sum, twice as fast
+        x, y, z = _components(v)
+        return np.sqrt(x * x + y * y + z * z)
     return xp.sqrt((v * v).sum(axis=-1))
 
 

@@ -315,13 +315,13 @@ class Simulation:
         by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, MAX_TOOL_CONTACTS, 9)
         by_robot = sensors[:, at.robot_contacts].reshape(self.num_worlds, MAX_ROBOT_CONTACTS, 3)
         tool_contact_force_n, total_force_n = norm(by_tool[..., :3]), _added_up(norm(by_robot))
-        links_force_n = xp.clip(total_force_n - _added_up(tool_contact_force_n), 0.0, None)
+        links_force_n = xp.maximum(total_force_n - _added_up(tool_contact_force_n), 0.0)
         robot_force, tool_force = sensors[:, at.robot_force], sensors[:, at.tool_force]
         cloth_force_n = xp.zeros_like(total_force_n)
         if self.scene.tool.cloth is not None:
             by_any = sensors[:, at.any_contacts].reshape(self.num_worlds, MAX_PERSON_CONTACTS, 3)
             any_force, any_force_n = sensors[:, at.any_force], _added_up(norm(by_any))
-            cloth_force_n = xp.clip(any_force_n - total_force_n, 0.0, None)
+            cloth_force_n = xp.maximum(any_force_n - total_force_n, 0.0)
             robot_force, tool_force = any_force, tool_force + any_force - robot_force
             total_force_n = any_force_n
         return State(

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from avrgym.array_types import BoolArray, FloatArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry import capsules, elementary, transforms
 from avrgym.geometry.arrays import constant_like, indices_to_compute, namespace, row_indices
 from avrgym.geometry.transforms import norm
@@ -27,6 +27,8 @@ WIPE_RADIUS_M = 0.025
 MIN_RIM_COSINE = 0.26
 """Cosine of 75°, the maximum angle between two normals: of the wiping face, and of a contact at its rim."""
 SUCCESS_SHARE = 0.30
+ROUNDING_MARGIN_M = 1e-5
+"""Upper bound of the rounding errors of distances, also in single precision."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -101,22 +103,22 @@ def evaluate_step(state: State, action: FloatArray, task_state: BedBathingState)
     contact forces are force elsewhere.
     """
     xp = namespace(state.tool_pos_w)
-    contact_pos, near = _contacts_of_limbs(state)
-    wiping = near & _on_face(state)[:, None]
+    contact_pos, near, on_face = _contacts_of_limbs(state)
+    wiping = near & on_face[:, None]
     newly_wiped = task_state.exists & ~task_state.wiped & _touched(contact_pos, wiping, task_state.marker_pos)
     after = replace(task_state, wiped=task_state.wiped | newly_wiped)
     force_at_arm = xp.where(near.any(axis=1), state.tool_contact_force_n, 0.0).sum(axis=-1)
     distance = cloth_distance_m(state)
+    wiped = newly_wiped.sum(axis=(-2, -1))
     terms = {
         "distance_m": distance,
         "action_squared": (action * action).sum(axis=-1),
-        "markers_wiped": _count(newly_wiped),
+        "markers_wiped": 1.0 * wiped,
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": xp.maximum(state.total_force_n - force_at_arm, 0.0),
         "strong_force_at_arm_n": force_above_limit(force_at_arm),
     }
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
-    wiped = newly_wiped.sum(axis=(-2, -1))
     return StepResult(
         after, terms, distance, state.total_force_n, are_enough_markers_wiped(after), wiped, nothing
     )
@@ -128,27 +130,42 @@ def are_enough_markers_wiped(task_state: BedBathingState) -> BoolArray:
 
 
 def cloth_distance_m(state: State) -> FloatArray:
-    """Returns the distance (N,) of the cloth from the person's body in metres; 0 in contact."""
+    """Returns the distance (N,) of the cloth from the person's body in metres; 0 in contact.
+
+    The distance from the centre of the pad is an upper bound of a capsule's distance. Minus the radius of the pad, it
+    is a lower bound. Capsules with a lower bound above the smallest upper bound are not the nearest.
+    """
+    xp, half_size_m = namespace(state.tool_pos_w), PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
     begin_w, end_w = state.person_segment_w[:, :, 0], state.person_segment_w[:, :, 1]
-    to_axis = capsules.segment_box_distance(
-        centre_w[:, None], state.tool_q_w[:, None], PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M, begin_w, end_w
+    upper = capsules.point_segment_distance(centre_w[:, None], begin_w, end_w) - state.person_radius_m
+    pad_radius_m = float(norm(half_size_m)) + ROUNDING_MARGIN_M
+    world, geom = indices_to_compute(upper - pad_radius_m <= xp.min(upper, axis=-1, keepdims=True))
+    gap = xp.full_like(upper, np.inf)
+    gap[world, geom] = (
+        capsules.segment_box_distance(
+            centre_w[world], state.tool_q_w[world], half_size_m, begin_w[world, geom], end_w[world, geom]
+        )
+        - state.person_radius_m[world, geom]
     )
-    xp = namespace(to_axis)
-    return xp.maximum(xp.min(to_axis - state.person_radius_m, axis=-1) - PAD_CONTACT_MARGIN_M, 0.0)
+    return xp.maximum(xp.min(gap, axis=-1) - PAD_CONTACT_MARGIN_M, 0.0)
 
 
-def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
+def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Returns the cloth's contacts (N, 2, C, 3) in the frames of both limbs.
 
-    Also returns a mask (N, 2, C) of contacts within 2.5 cm of the limb.
+    Also returns a mask (N, 2, C) of contacts within 2.5 cm of the limb, and a mask (N, C) of contacts on the cloth's
+    wiping face, see ``_on_face``.
     """
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOM_INDICES, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0
     shape = len(touching), len(RIGHT_ARM_LIMBS), touching.shape[1]
     contact_pos = xp.zeros((*shape, 3), dtype=state.tool_pos_w.dtype, device=touching.device)
     near = xp.zeros(shape, dtype=xp.bool, device=touching.device)
+    on_face = xp.zeros_like(touching)
     (rows,) = indices_to_compute(touching.any(axis=-1))
+    if not len(rows):
+        return contact_pos, near, on_face
     limb_w, to_limb = (
         state.right_arm_pos_w[rows, :2, None],
         transforms.conjugate(state.right_arm_q_w[rows, :2, None]),
@@ -161,18 +178,21 @@ def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray]:
     )
     gap = norm(beside_axis) - state.person_radius_m[rows][:, limbs, None]
     contact_pos[rows], near[rows] = pos, (gap < WIPE_RADIUS_M) & touching[rows, None]
-    return contact_pos, near
+    on_face[rows] = _on_face(state, rows)
+    return contact_pos, near, on_face
 
 
-def _on_face(state: State) -> BoolArray:
-    """Returns a boolean mask (N, C) of contacts on the cloth's wiping face or its rim, not on the sides or the rear.
+def _on_face(state: State, rows: IntArray) -> BoolArray:
+    """Returns a mask (n, C) of contacts on the cloth's wiping face or its rim, not on the sides or the rear.
+
+    ``rows`` (n,) are the worlds.
 
     These contacts are in the front half of the pad. Their normals differ by less than 75° from the normal of the wiping
     face (at a side: 90°).
     """
-    to_pad = transforms.conjugate(state.pad_q_w)[:, None]
-    place = transforms.rotate(to_pad, state.tool_contact_pos_w - state.pad_pos_w[:, None])
-    normal = transforms.rotate(to_pad, state.tool_contact_normal_w)
+    to_pad = transforms.conjugate(state.pad_q_w[rows, None])
+    place = transforms.rotate(to_pad, state.tool_contact_pos_w[rows] - state.pad_pos_w[rows, None])
+    normal = transforms.rotate(to_pad, state.tool_contact_normal_w[rows])
     return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > MIN_RIM_COSINE)
 
 

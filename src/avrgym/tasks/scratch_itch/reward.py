@@ -7,7 +7,7 @@ import numpy as np
 
 from avrgym.array_types import FloatArray, IntArray
 from avrgym.geometry import elementary, transforms
-from avrgym.geometry.arrays import constant_like, namespace, row_indices
+from avrgym.geometry.arrays import constant_like, indices_to_compute, namespace, row_indices
 from avrgym.geometry.transforms import norm
 from avrgym.models import human
 from avrgym.models.human import People
@@ -123,12 +123,18 @@ def itch_limb_frame(arm: RightArmPoses, task_state: ScratchItchState) -> tuple[F
 def _touch(state: State, task_state: ScratchItchState, itch_w: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns the contact force (N,) at the itch in newtons, and the mean contact position (N, 3) in the limb's frame.
 
-    The mean is weighted by force.
+    The mean is weighted by force. Worlds without a contact have zeros.
     """
     xp = namespace(itch_w)
-    near = norm(state.tool_contact_pos_w - itch_w[:, None]) < ITCH_RADIUS_M
-    forces = xp.where(near, state.tool_contact_force_n, 0.0)
-    force_n = forces.sum(axis=-1)
-    place_w = (forces[..., None] * state.tool_contact_pos_w).sum(axis=1) / xp.maximum(force_n, 1e-9)[:, None]
-    limb_pos_w, limb_q_w = itch_limb_frame(state, task_state)
-    return force_n, transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
+    force_n, place = xp.zeros_like(itch_w[:, 0]), xp.zeros_like(itch_w)
+    (rows,) = indices_to_compute((state.tool_contact_force_n > 0.0).any(axis=-1))
+    if not len(rows):
+        return force_n, place
+    contact_w = state.tool_contact_pos_w[rows]
+    near = norm(contact_w - itch_w[rows, None]) < ITCH_RADIUS_M
+    forces = xp.where(near, state.tool_contact_force_n[rows], 0.0)
+    force_n[rows] = forces.sum(axis=-1)
+    place_w = (forces[..., None] * contact_w).sum(axis=1) / xp.maximum(force_n[rows], 1e-9)[:, None]
+    limb_pos_w, limb_q_w = (each[rows] for each in itch_limb_frame(state, task_state))
+    place[rows] = transforms.rotate(transforms.conjugate(limb_q_w), place_w - limb_pos_w)
+    return force_n, place
