@@ -1,7 +1,7 @@
 """Reads the recording of a trial. The recording may be complete, or truncated by a crash."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -80,17 +80,18 @@ class Recording:
         return topics
 
 
-def read_recording(path: str | os.PathLike[str]) -> Recording:
+def read_recording(path: str | os.PathLike[str], *, undecoded: Collection[str] = ()) -> Recording:
     """Reads a recording up to its end, or up to the first damaged data. Returns its contents.
 
-    The answers of the answers file (see ``answers_file``) are appended, with the time of the last message.
+    The answers of the answers file (see ``answers_file``) are appended, with the time of the last message. Records of
+    the topics ``undecoded`` remain JSON bytes, which saves time.
 
     Raises:
         RecordingError: if the file has no valid header.
     """
     records, whole, _ = read_intact_records(path)
     header = _header(path, records)
-    messages, gapless = _messages(path, records)
+    messages, gapless = _messages(path, records, undecoded)
     ends_ns = max((time_ns for _, time_ns, _ in messages), default=0)
     messages += [("/answers", ends_ns, answer) for answer in answers_file.read_answers(path)]
     metadata = _metadata(records)
@@ -179,7 +180,7 @@ def _outcome(values: dict[str, Any] | None) -> Outcome | None:
 
 
 def _messages(
-    path: str | os.PathLike[str], records: list[mcap_records.McapRecord]
+    path: str | os.PathLike[str], records: list[mcap_records.McapRecord], undecoded: Collection[str]
 ) -> tuple[list[tuple[str, int, Any]], bool]:
     """Returns the messages before the first gap in the sequence numbers, and whether there is no gap.
 
@@ -195,7 +196,8 @@ def _messages(
                 return messages, False
             topic = names.get(record.channel_id, f"channel {record.channel_id}")
             try:
-                messages.append((topic, record.log_time, decode(topic, record.data)))
+                value = record.data if topic in undecoded else decode(topic, record.data)
+                messages.append((topic, record.log_time, value))
             except (KeyError, msgspec.DecodeError) as error:
                 allowed = ", ".join(TOPICS)
                 raise RecordingError(

@@ -129,6 +129,8 @@ class ForceGuard(PerWorldState):
         begins = (self.retracting_mask & ~was_retracting) | (self.override_mask & ~was_overriding)
         self.num_interventions = self.num_interventions + begins
         self._store_waypoints()
+        if not self.override_mask.any():
+            return self._commanded.copy()
         return np.where(
             self.retracting_mask[:, None],
             self._retract(),

@@ -50,6 +50,8 @@ NO_BIOMECHANICS_TEXT = f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the b
 NO_TIME_SERIES_TEXT = (
     f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the biomechanics and has no time series"
 )
+UNUSED_TOPICS = ("/physics",)
+"""Topics of recordings that no table uses. They are most of a recording."""
 TrialKey = tuple[str, int]
 """Key of a trial: (pseudonym of the participant, position of the trial)."""
 
@@ -242,7 +244,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
         tell(CHECKSUM_MISMATCH_MESSAGE, NO_TIME_SERIES_TEXT)
         return replace(row, recorded="changed")
     try:
-        recording = exported.read_recording()
+        recording = exported.read_recording(undecoded=UNUSED_TOPICS)
     except FileNotFoundError:
         tell("is missing", NO_TIME_SERIES_TEXT)
         return replace(row, recorded="missing")

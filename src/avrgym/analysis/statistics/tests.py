@@ -6,6 +6,7 @@ Holm's correction and the multivariate energy test.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from statistics import fmean
 from typing import Any
 
@@ -192,12 +193,18 @@ def energy_test(
     if not apart.any():
         return StatisticalTestResult(test, total, note="all values are equal")
     given, between = _energy(apart, np.arange(count)[None])
-    rng = random_streams.permutation_generator(seed)
-    drawn = np.stack([rng.permutation(total)[:count] for _ in range(permutations)])
+    drawn = _random_divisions(seed, permutations, total, count)
     larger = int((_energy(apart, drawn)[0] >= given[0] - 1e-12).sum())
     p = (1 + larger) / (1 + permutations)
     effect = float(given[0] / (2.0 * between[0])) if between[0] else 0.0
     return StatisticalTestResult(test, total, 0, float(given[0]), f"{permutations} permutations", p, effect)
+
+
+@lru_cache(maxsize=4)
+def _random_divisions(seed: int, divisions: int, total: int, count: int) -> IntArray:
+    """Returns ``count`` of ``total`` indices for each random division, (``divisions``, ``count``)."""
+    rng = random_streams.permutation_generator(seed)
+    return np.stack([rng.permutation(total)[:count] for _ in range(divisions)])
 
 
 def _energy(apart: FloatArray, chosen: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -218,10 +225,8 @@ def _inner_sums(apart: FloatArray, chosen: IntArray) -> FloatArray:
     """Returns the sums (k,) of all distances within k samples. Samples are processed in parts to limit memory."""
     squared = chosen.shape[1] ** 2
     parts = np.array_split(chosen, 1 + len(chosen) * squared // _DISTANCES_IN_MEMORY)
-    sums = [
-        apart[part[:, :, None], part[:, None, :]].reshape(len(part), squared).sum(axis=1) for part in parts
-    ]
-    return np.concatenate(sums)
+    pairs = ((len(apart) * part[:, :, None] + part[:, None, :]).reshape(len(part), squared) for part in parts)
+    return np.concatenate([apart.take(each).sum(axis=1) for each in pairs])
 
 
 def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]:

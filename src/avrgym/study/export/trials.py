@@ -1,6 +1,6 @@
 """Attempts and answers of a study with participant, session and trial, for all export formats."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,9 +42,12 @@ class ExportedAttempt:
         """Task and robot as one name, such as ``FeedingJaco``."""
         return self.trial.task + self.trial.robot
 
-    def read_recording(self) -> Recording:
-        """Returns the recording up to its end or its first damage. Recordings are large and not cached."""
-        return read_recording(self.store.absolute_path(self.attempt.recording))
+    def read_recording(self, *, undecoded: Collection[str] = ()) -> Recording:
+        """Returns the recording up to its end or its first damage. Recordings are large and not cached.
+
+        ``undecoded``: topics that remain JSON bytes, as in ``reader.read_recording``.
+        """
+        return read_recording(self.store.absolute_path(self.attempt.recording), undecoded=undecoded)
 
     def read_complete_recording(self) -> Recording:
         """Returns the recording, which must be complete and unchanged.

@@ -7,6 +7,7 @@ but with τ = 0. The torque therefore distinguishes obstruction from lag.
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.geometry import transforms
 from avrgym.models import human
 from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.models.human import JOINTS
@@ -45,7 +46,11 @@ class ObstructionMonitor:
 
     def obstructed_parts(self) -> tuple[TrackedBodyPart, ...]:
         """Returns the body parts that are obstructed after the latest physics step."""
-        displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(), axis=-1)).max(axis=-1)
+        turns = self._torque[0, self._dofs] / self._stiffness
+        if not turns.any():
+            self._obstructed[:] = False
+            return ()
+        displacement_m = (self._of_part * np.linalg.norm(self._displacement_m(turns), axis=-1)).max(axis=-1)
         self._obstructed = displacement_m > np.where(
             self._obstructed, FREE_DISPLACEMENT_M, OBSTRUCTED_DISPLACEMENT_M
         )
@@ -53,10 +58,9 @@ class ObstructionMonitor:
             part for part, held in zip(TRACKED_BODY_PARTS, self._obstructed.tolist(), strict=True) if held
         )
 
-    def _displacement_m(self) -> FloatArray:
-        """Returns the displacement (P,) of each point by contacts, in metres: joint rotation times lever arm."""
-        turns = self._torque[0, self._dofs] / self._stiffness
+    def _displacement_m(self, turns: FloatArray) -> FloatArray:
+        """Returns the displacement (P, 3) of each point by joint rotations (20,) in radians, metres."""
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]
         points_w = self._xpos[0, self._bodies] + self._along_m[:, None] * self._xmat[0, self._bodies, 2::3]
-        levers = np.cross(axes_w[:, None], points_w - anchors_w[:, None])
+        levers = transforms.cross(axes_w[:, None], points_w - anchors_w[:, None])
         return ((self._turned_by * turns[:, None])[..., None] * levers).sum(axis=0)
