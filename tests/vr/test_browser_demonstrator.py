@@ -14,24 +14,39 @@ from avrgym.replay.verification import verify
 from avrgym.safety.withdrawal import WITHDRAWAL_DRIVER
 from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
 from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
+from avrgym.vr.live_world import drivers
 from avrgym.vr.live_world.drivers import OperatorDriver
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, Steer
 from avrgym.vr.protocol.webxr import Pose, controller_pose
+from avrgym.vr.server.real_time_loop import RealTimeLoop
 from avrgym.vr.session.plan import SessionPlan, TrialPlan, load_policies
-from helpers.browser.journey import TIMEOUT_S, Journey, draw_triangles, skip_drawing, wait_until
-from helpers.vr.time_limits import set_limits
+from avrgym.vr.session.session import Session
+from helpers.browser.journey import SEATING, TIMEOUT_S, Journey, draw_triangles, skip_drawing, wait_until
 from helpers.vr.visit import result
 
 pytestmark = pytest.mark.usefixtures("relaxed_limits")
 REST_M = np.array([0.2, 1.2, -0.5])
 """Position of the caregiver's hand in their room while they do not drive."""
-STEPS = 200
-SLOW_MOTION = (
-    "avrgym.vr.server.real_time_loop:TICK_S=0.06",
-    "avrgym.vr.live_world.drivers:OPERATOR_TIMEOUT_S=2",
-)
-"""The world runs at a sixth of its speed, because the pages of a busy machine send few poses per second."""
+STEPS = 150
+SUBSTEPS = 10
+"""Ticks of a control step."""
+
+
+class Pace:
+    """Lets the world run until a tick, so that it waits for the pages of a busy machine. ``until``: this tick."""
+
+    def __init__(self, patch: pytest.MonkeyPatch) -> None:
+        self.until = np.inf
+        wait = RealTimeLoop._wait
+
+        def wait_for_pages(loop: RealTimeLoop[Session], due: float) -> float:
+            while loop.session.world.ticks >= self.until and not loop._stopping.is_set():
+                time.sleep(0.2 * TICK_S)
+            return wait(loop, due)
+
+        patch.setattr(RealTimeLoop, "_wait", wait_for_pages)
+        patch.setattr(drivers, "OPERATOR_TIMEOUT_S", 60.0)
 
 
 def caregivers_hand(steer: Steer) -> Pose:
@@ -64,36 +79,46 @@ class CaregiversHeadset(EmulatedHeadset):
         self.page.evaluate("() => { window.drawsTriangles = false; }")
         self.enter_vr()
 
-    def feed(self) -> Iterator[None]:
-        """Follow the expert with the right hand until the trial is over. Yields after each motion."""
+    def feed(self, pace: Pace) -> Iterator[None]:
+        """Follow the expert with the right hand until the food is eaten. Yields after each control step."""
         session = self._journey.session
         world, driver = session.world, session._state.driver
         assert isinstance(driver, OperatorDriver)
-        hand, ticks, first_tick = SimulatedDemonstrator(0), 0, world.ticks
+        pace.until = world.ticks
+        hand, ticks = SimulatedDemonstrator(0), 0
         hand.begin(world)
         start = caregivers_hand(hand.steer(world, 0.0))
         self.move(REST_M, transforms.IDENTITY_QUATERNION)
         self.call_emulator("setSqueeze", "right", True)
-        wait_until(lambda: driver._clutch is not None)
+
+        def clutched() -> bool:
+            pace.until = world.ticks + 1
+            return driver._clutch is not None
+
+        wait_until(clutched)
         assert driver._clutch is not None
         x, y, z, w = driver._clutch[0].orientation
         room_q = np.array([w, x, y, z])
-        while session.phase_name == "trial":
-            steer = None
+        first_tick = world.ticks
+        attempt = session._state.attempt_storage.attempt
+        assert attempt is not None
+        while not attempt.success and attempt.steps < STEPS - 1:
+            clutch, pose = True, start
             while ticks < world.ticks - first_tick:
                 ticks += 1
                 steer = hand.steer(world, ticks * TICK_S)
-            if steer is None:
-                time.sleep(TICK_S)
-                continue
-            pose = caregivers_hand(steer)
+                clutch, pose = steer.clutch, caregivers_hand(steer)
             turned = transforms.multiply(pose.q_w, transforms.conjugate(start.q_w))
             room_turned = transforms.multiply(
                 transforms.multiply(room_q, turned), transforms.conjugate(room_q)
             )
-            self.call_emulator("setSqueeze", "right", steer.clutch)
+            self.call_emulator("setSqueeze", "right", clutch)
             self.move(REST_M + transforms.rotate(room_q, pose.pos_w - start.pos_w), room_turned)
+            self.wait_for_frames(2)
+            pace.until = target = world.ticks + SUBSTEPS
+            wait_until(lambda target=target: world.ticks >= target)
             yield
+        pace.until = np.inf
 
     def move(self, position: np.ndarray, q: np.ndarray) -> None:
         w, x, y, z = q.tolist()
@@ -107,18 +132,18 @@ def test_a_caregiver_feeds_a_participant_in_the_same_world(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The recording names who drove each step, and replays bit by bit."""
-    set_limits(SLOW_MOTION, monkeypatch)
+    pace = Pace(monkeypatch)
     trial = TrialPlan("avrgym/FeedingJaco-v1", "operator", 3, practice=False, items=())
     plan = SessionPlan([trial], "woman", 0.3, simulated=True, trial_steps=STEPS, countdown_s=0.3)
     with ExitStack() as opened:
         journey = Journey(tmp_path, plan, load_policies(plan), opened, width=640, height=360)
         journey.enter()
-        journey.calibrate()
         caregiver = CaregiversHeadset(journey)
         opened.callback(caregiver.page.close)
+        journey.finish_phases(*SEATING)
         session = journey.session
         wait_until(lambda: session.phase_name == "trial")
-        for _ in caregiver.feed():
+        for _ in caregiver.feed(pace):
             if not (tmp_path / "caregiver.png").exists() and is_near_mouth(session.world):
                 caregiver.pull_trigger("left")
                 for name, headset in (("participant", journey.headset), ("caregiver", caregiver)):

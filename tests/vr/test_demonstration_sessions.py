@@ -13,14 +13,19 @@ from avrgym.vr.demonstration.dataset import write_demonstrations
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
 from avrgym.vr.demonstration.session import DemonstrationSession
 from avrgym.vr.demonstration.simulated import demonstrate
-from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow
+from avrgym.vr.demonstration.storage import RECORDINGS, DemonstrationFolder, EpisodeRow
 from avrgym.vr.protocol.messages import (
     TICK_S,
     Demonstrate,
     DemonstrationButton,
     DemonstrationProgress,
+    DemonstratorDisconnected,
+    Drive,
     Message,
+    Problem,
     Scene,
+    Steer,
+    XRPose,
 )
 from avrgym.vr.session.preparation import ImmediateExecutor
 
@@ -129,6 +134,47 @@ def test_folders_that_cannot_be_exported_are_refused_in_words(tmp_path: Path) ->
     with pytest.raises(ValueError, match=r"no recording can be read: r\.mcap: .*; restore a backup"):
         write_demonstrations(tmp_path / "d", tmp_path / "out")
     assert [each.name for each in tmp_path.iterdir()] == ["d"]
+
+
+@pytest.mark.slow
+def test_one_person_drives_and_after_they_leave_the_robot_holds_and_the_episode_is_stored(
+    tmp_path: Path,
+) -> None:
+    received: list[Message] = []
+    folder = DemonstrationFolder(tmp_path, ENVIRONMENT)
+    plan = DemonstrationPlan(ENVIRONMENT, episodes=1, steps=5)
+    session = DemonstrationSession(plan, folder, received.append, ImmediateExecutor())
+    level = XRPose((0.0, 1.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    steer = Steer(clutch=True, grip=level, xr_from_world=level, scale=1.0)
+    drive = Drive(engaged=True, linear=(0.0, 0.0, 1.0), angular=(0.0, 0.0, 0.0))
+    leaves = DemonstratorDisconnected()
+    (tmp_path / RECORDINGS).touch()
+    session.receive(Demonstrate("start"), 0.0)
+    assert session.stage == "ready"
+    (tmp_path / RECORDINGS).unlink()
+    session.receive(Demonstrate("start"), 0.0)
+    for tick in range(1, 60):
+        for message in {5: [steer, drive], 15: [leaves], 25: [drive]}.get(tick, []):
+            session.receive(message, tick * TICK_S)
+        session.tick(tick * TICK_S)
+    session.close(0.6)
+    problems = [(each.role, each.message) for each in received if isinstance(each, Problem)]
+    assert problems[0][1].startswith("the episode cannot be recorded: ")
+    assert problems[1:] == [("experimenter", "the demonstrator drives the robot; wait until they release it")]
+    (only,) = folder.rows
+    assert (only["result"], only["success"], only["driven_by"]) == ("completed", "False", "operator")
+    recording = read_recording(tmp_path / only["recording"])
+    names = [event.name for _, event in recording.messages_by_topic["/events"]]
+    assert [name for name in names if name.startswith("driver_")] == ["driver_left", "driver_stale"]
+    control = [(step.driver, step.idle) for _, step in recording.messages_by_topic["/control"]]
+    assert control == [
+        ("demonstrator", False),
+        ("demonstrator", True),
+        ("operator", False),
+        ("operator", False),
+        ("operator", True),
+    ]
+    assert verify(recording).identical
 
 
 @pytest.mark.slow
