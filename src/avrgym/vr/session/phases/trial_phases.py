@@ -104,12 +104,9 @@ class RunningTrial(StoppablePhase):
         attempt = self.state.attempt_storage.attempt
         assert attempt is not None
         idle = bool(self.state.tracking.lost_parts) or (not step.withdrawing and self.driver.idle)
-        if step.withdrawing:
-            driver = WITHDRAWAL_DRIVER
-        elif isinstance(self.driver, OperatorDriver):
+        driver = WITHDRAWAL_DRIVER if step.withdrawing else self.state.current_trial.policy
+        if isinstance(self.driver, OperatorDriver):
             driver = self.driver.driven_by
-        else:
-            driver = self.state.current_trial.policy
         attempt.record_step(step, driver, idle, self.state.now_s)
         attempt.record_pacing(self.state.world, step, self.state.now_s)
         if self.state.head_commands is not None:
