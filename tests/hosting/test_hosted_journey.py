@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
 
+from avrgym.hosting.computers import ThisComputer
 from avrgym.hosting.host import Host
-from avrgym.hosting.session_pool import SessionPool
 from avrgym.study.checking.checks import check_study
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -16,7 +16,6 @@ from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.emulation.emulated_headset import (
     CHROMIUM_FLAGS,
     DONE_BUTTON,
-    PAGE_TIMEOUT_S,
     EmulatedHeadset,
     find_chromium,
 )
@@ -58,7 +57,7 @@ class HomeHeadset(EmulatedHeadset):
     def __init__(self, browser: Browser) -> None:  # the base class opens the page of a session
         self._browser = browser
         self.page = browser.new_page(viewport=PHONE)
-        self.page.set_default_timeout(1000 * PAGE_TIMEOUT_S)
+        self.page.set_default_timeout(1000 * TIMEOUT_S)
 
     def choose(self, text: str) -> None:
         """Choose the button or link with a text of the participant's page. Before it, axe checks the page."""
@@ -88,12 +87,9 @@ def folder(tmp_path: Path) -> Path:
     return folder
 
 
-def test_participant_at_home_from_the_link_to_the_code(
-    folder: Path, browser: Browser, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(SessionPool.__init__.__kwdefaults__ or {}, "run", run_slow_session)
-    headset = HomeHeadset(browser)
-    with Store(folder) as store, Host(store) as host:
+def test_participant_at_home_from_the_link_to_the_code(folder: Path, browser: Browser) -> None:
+    headset, computer = HomeHeadset(browser), ThisComputer(run_slow_session)
+    with Store(folder) as store, Host(store, computers=lambda: [computer]) as host:
         served = Served(host)
         headset.page.goto(f"{host.origin}/?emulate=1#invitation={served.invite()}")
         headset.choose("host_take_part")
@@ -141,6 +137,7 @@ def attend(headset: EmulatedHeadset) -> None:
 def watch_session(browser: Browser, host: Host) -> None:
     """The experimenter opens the session from the page of all sessions, and the page of all participants."""
     page = browser.new_page(viewport=DESKTOP)
+    page.context.set_default_timeout(1000 * TIMEOUT_S)
     page.goto(host.experimenter_url)
     with page.expect_popup() as opened:
         page.get_by_role("link", name="Open the session of sub-001").click()

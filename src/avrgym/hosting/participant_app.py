@@ -13,9 +13,7 @@ import msgspec
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.staticfiles import StaticFiles
-from starlette.datastructures import Headers
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.types import ASGIApp, Receive, Scope, Send
 
 from avrgym.hosting.addresses import participant_link
 from avrgym.hosting.data_requests import COPY_REQUESTED, DELETION_REQUESTED, requested
@@ -54,7 +52,7 @@ from avrgym.study.people.participants import (
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
-from avrgym.vr.server.authentication import OTHER_ORIGIN_TEXT
+from avrgym.vr.server.authentication import SameOriginMiddleware
 from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
 from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
@@ -196,22 +194,6 @@ ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any
 """Actions of a participant: type of the request body and function, by the last part of the route."""
 
 
-class PublicOriginOnly:
-    """Middleware that rejects requests from pages of other origins. Requests without an origin header are allowed."""
-
-    def __init__(self, app: ASGIApp, origins: frozenset[str]) -> None:
-        self._app, self._origins = app, origins
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request."""
-        if scope["type"] == "http":
-            origin = Headers(scope=scope).get("origin")
-            if origin is not None and origin not in self._origins:
-                await Response(OTHER_ORIGIN_TEXT, 403)(scope, receive, send)
-                return
-        await self._app(scope, receive, send)
-
-
 def participant_app(
     own: Participation,
     tokens: ParticipantTokens,
@@ -231,7 +213,7 @@ def participant_app(
     by_address = RateLimits(BURST_PER_ADDRESS, REQUESTS_PER_MINUTE)
     by_participant = RateLimits(BURST_PER_PARTICIPANT, PARTICIPANT_REQUESTS_PER_MINUTE)
     app = FastAPI(openapi_url=None)
-    app.add_middleware(PublicOriginOnly, origins=origins)
+    app.add_middleware(SameOriginMiddleware, origins=origins)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
     app.add_exception_handler(InvitationError, _refuse_invitation)
     app.add_exception_handler(StudyError, make_error_handler(409))

@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -185,9 +186,8 @@ def run_session(request: SessionRequest, pipe: Connection) -> None:
         ):
             _watch(server, store, collector, pipe, storing)
     except (RuntimeError, ValueError, OSError) as error:
-        if isinstance(error, BrokenPipeError):  # the host has ended
-            return
-        pipe.send(str(error))
+        with suppress(BrokenPipeError):
+            pipe.send(str(error))
         raise SystemExit(1) from None
 
 

@@ -109,17 +109,21 @@ class SameOriginMiddleware:
     Requests without an origin header come from programs and are accepted.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, origins: frozenset[str] | None = None) -> None:
+        """``origins``: the allowed origins; default: the address of the request."""
+        self._app, self._origins = app, origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or socket."""
-        if scope["type"] in ("http", "websocket") and not _is_own(Headers(scope=scope), scope["scheme"]):
-            await PlainTextResponse(OTHER_ORIGIN_TEXT, 403)(scope, receive, send)
-            return
+        if scope["type"] in ("http", "websocket"):
+            headers = Headers(scope=scope)
+            allowed = self._origins or {_own_origin(headers, scope["scheme"])}
+            if headers.get("origin") not in (None, *allowed):
+                await PlainTextResponse(OTHER_ORIGIN_TEXT, 403)(scope, receive, send)
+                return
         await self._app(scope, receive, send)
 
 
-def _is_own(headers: Headers, scheme: str) -> bool:
+def _own_origin(headers: Headers, scheme: str) -> str:
     page_scheme = {"ws": "http", "wss": "https"}.get(scheme, scheme)
-    return headers.get("origin") in (None, f"{page_scheme}://{headers.get('host')}")
+    return f"{page_scheme}://{headers.get('host')}"
