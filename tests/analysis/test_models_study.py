@@ -140,7 +140,7 @@ def test_better_answers_and_successes_have_odds_ratios_above_one() -> None:
 # Nothing to find
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     ("model", "imagine"),
     [
@@ -222,7 +222,7 @@ DESIGNS = {
 }
 
 
-@pytest.mark.fast_cases(18)
+@pytest.mark.fast_cases(8)
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("design", DESIGNS.values(), ids=list(DESIGNS))

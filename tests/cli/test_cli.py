@@ -153,6 +153,7 @@ def test_evaluate_shows_forces_by_region(tmp_path: Path) -> None:
     assert "There were no contact forces." in nobody.stdout
 
 
+@pytest.mark.slow
 def test_evaluate_shows_the_cross_play_matrix(tmp_path: Path) -> None:
     file = tmp_path / "rows.json"
     arguments = [

@@ -128,6 +128,7 @@ def test_a_table_in_a_file_has_no_colours(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.fast_cases(1)
 def test_an_interruption_prints_one_line_with_the_resume_command(number: signal.Signals) -> None:
     ran = subprocess.run(
         [sys.executable, "-c", STOPPED.replace("{signal}", number.name)],

@@ -40,7 +40,7 @@ def cameras_of(environment: str) -> list[CameraSpec]:
     return [*EVERY_KIND, *(CameraSpec(name, 64, 96, ("rgb",)) for name in robot.cameras)]
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @needs_graphics
 def test_cameras_change_no_state_and_images_fill_their_spaces(environment: str):

@@ -123,6 +123,7 @@ def test_an_action_that_is_none_is_refused_before_anything_moves(action, rng):
 
 
 @pytest.mark.parametrize("environment_id", ENVIRONMENTS)
+@pytest.mark.fast_cases(4)
 def test_an_action_is_clipped_before_it_moves_or_costs_anything(environment_id, rng):
     beyond, within = (AssistiveEnv(environment_id, people="revised") for _ in range(2))
     for env in (beyond, within):

@@ -120,7 +120,7 @@ def test_a_hand_inside_a_link_that_cannot_give_way_is_pressed_as_by_flesh():
     assert 1.0 < first_step_forces(episodes).max() < MAX_FORCE_N
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("task", ["Feeding", "ScratchItch", "BedBathing", "ArmManipulation"])
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("how", ["constant", "at the person"])
@@ -131,6 +131,7 @@ def test_no_jam_grows(task, robot, how):
 
 
 @pytest.mark.parametrize("task", ["Feeding", "BedBathing"])
+@pytest.mark.fast_cases(1)
 def test_people_who_tremble_are_not_jammed_either(task):
     peak = peak_forces(f"avrgym/{task}PR2-v1", 24, "participants", "tremor", "at the person", steps=40)
     assert peak.max() < MAX_FORCE_N

@@ -126,6 +126,7 @@ def test_a_reset_clears_the_guard_of_its_worlds_alone() -> None:
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
+@pytest.mark.fast_cases(1)
 def test_infos_are_those_of_gymnasiums_own_vector_environment(mode: AutoresetMode) -> None:
     native = gym.make_vec(
         SCRATCHING, num_envs=2, force_guard=True, autoreset_mode=mode, max_episode_steps=STEPS

@@ -45,7 +45,7 @@ def steps_until_the_end(env: Any, most: int) -> int | None:
     return None
 
 
-@pytest.mark.fast_cases(6)
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("steps", [1, 3, EPISODE_STEPS + 5])
 @pytest.mark.parametrize(
     "make", [one, many, again(one), again(many)], ids=["make", "make_vec", "spec", "spec of many"]

@@ -26,13 +26,14 @@ def actions(env: AssistiveParallelEnv, rng: np.random.Generator, share: float = 
     return {agent: scale[agent] * rng.uniform(-1.0, 1.0, size) for agent, size in sizes.items()}
 
 
-@pytest.mark.fast_cases(5)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_environment_passes_the_test_of_pettingzoo(environment):
     parallel_api_test(avrgym.parallel_env(environment), num_cycles=12)
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(4)
 def test_observations_lie_within_their_spaces_and_the_same_seed_gives_the_same_bits(environment, rng):
     first, again = (avrgym.parallel_env(environment, people="revised") for _ in range(2))
     seen, _ = first.reset(seed=3)

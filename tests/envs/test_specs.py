@@ -53,6 +53,7 @@ def test_a_spec_as_json_makes_the_same_episodes(how: Mapping[str, Any]) -> None:
 
 @pytest.mark.parametrize("how", OF_MANY, ids=str)
 @pytest.mark.parametrize("person", [None, TALL, PLAIN], ids=["", "person", "plain"])
+@pytest.mark.fast_cases(4)
 def test_a_spec_of_many_worlds_as_json_makes_the_same_episodes(how: Mapping[str, Any], person: Any) -> None:
     env = gym.make_vec(FEEDING, person=person, **how)
     assert env.spec is not None

@@ -173,7 +173,7 @@ def test_agents_alternate_after_equal_numbers_of_updates(alternate):
 # The episodes
 
 
-@pytest.mark.fast_cases(4)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", OFFERING)
 def test_rollouts_of_a_pair_equal_the_parallel_environment(environment):
     """With the same actions of both; observations and rewards of both, and those of each agent's own effort."""

@@ -37,6 +37,7 @@ def outside_capsule(places: np.ndarray, sex: Sex, torso_height_m: float, geom: s
 
 @everybody
 @pytest.mark.parametrize("limb", ["right_upper_arm", "right_forearm", "left_upper_arm", "left_forearm"])
+@pytest.mark.fast_cases(6)
 def test_visual_arms_match_their_capsules(sex: Sex, torso_height_m: float, limb: str) -> None:
     bare = in_body(drawn(sex, torso_height_m)["body"], sex, torso_height_m, limb)
     gap = outside_capsule(bare, sex, torso_height_m, limb)

@@ -107,6 +107,7 @@ def test_weak_people_have_less_torque_and_hold_their_pose():
 
 
 @pytest.mark.parametrize("name", IMPAIRMENTS)
+@pytest.mark.fast_cases(5)
 def test_the_same_seed_gives_the_same_impaired_people(name):
     first, second = reset_episodes(name, "revised"), reset_episodes(name, "revised")
     for _ in range(3):

@@ -23,6 +23,7 @@ def reset_episodes(environment: str, *, moving: bool) -> Episodes:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(4)
 def test_static_and_moving_people_have_head_and_arm_in_the_same_place(environment):
     static, moving = (reset_episodes(environment, moving=moves).simulation.state() for moves in (False, True))
     for part in ("head_pos_w", "head_q_w", "mouth_pos_w", "right_arm_pos_w", "right_arm_q_w"):

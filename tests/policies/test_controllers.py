@@ -124,7 +124,7 @@ def check_held(recording: Recording, name: str, kind: str) -> None:
     assert verify(recording).identical
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
 def test_after_a_failure_the_robot_stops_and_the_session_completes(
     tmp_path: Path, name: str, kind: str
@@ -139,7 +139,7 @@ def test_after_a_failure_the_robot_stops_and_the_session_completes(
     assert told.reason.isprintable()
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("name", "kind"), FAILURES.items())
 def test_failures_in_a_live_session_stop_the_robot_too(
     tmp_path: Path, workers: ThreadPoolExecutor, name: str, kind: str

@@ -16,7 +16,7 @@ PACKAGED_FOLDER = [
 ]
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("environment", "kind"), PACKAGED_FOLDER)
 def test_the_first_episodes_return(environment: str, kind: str) -> None:
     """The same bits where the C library rounds as where they were measured, and nearly the same elsewhere."""

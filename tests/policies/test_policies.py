@@ -91,6 +91,7 @@ def test_a_policy_by_hand():
 
 @pytest.mark.parametrize("sizes", [(25, 64, 64, 7), (30, 5, 3, 7), (4, 1), (2, 33, 1)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.fast_cases(3)
 def test_the_batch_size_does_not_change_the_bits_of_a_row(sizes, dtype):
     policy = make_policy(sizes)
     batch = observations(64, sizes[0]).astype(dtype)

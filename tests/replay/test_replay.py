@@ -77,7 +77,7 @@ def avrgym(*arguments: str | Path | int) -> Result:
 # Laws --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_every_attempt_steps_again_to_the_same_bits(tmp_path: Path, environment: str) -> None:
     results = []

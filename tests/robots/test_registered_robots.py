@@ -140,7 +140,7 @@ def test_a_joint_follows_its_command_and_stops(robot):
         assert_allclose(data.qpos[places], data.act, atol=2e-3)
 
 
-@pytest.mark.fast_cases(6)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize(("robot", "tool"), GRIPS, ids=[f"{robot.name} {tool}" for robot, tool in GRIPS])
 def test_its_grip_holds_the_tool_without_overlap(robot, tool):
     model = robot_spec_with_tool(robot, arm_of(robot), TOOLS[tool], "tool", appearance=True).compile()

@@ -84,6 +84,7 @@ def test_the_layer_only_scales_the_actions_of_the_policy(rng: np.random.Generato
 
 
 @pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.fast_cases(2)
 def test_no_controller_moves_faster_than_scaled(policy: str) -> None:
     """Law: the executed action is the scaled one, or the tool moves with the speed of a retreat, or not at all."""
     episodes, _ = paced(rules())

@@ -44,7 +44,7 @@ def test_each_part_of_the_body_is_of_one_region():
     assert [region.transient_limit_n for region in head] == [130.0, 65.0]
 
 
-@pytest.mark.fast_cases(4)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ["avrgym/FeedingPR2-v1", SCRATCHING, "avrgym/DrinkingJaco-v1"])
 @pytest.mark.parametrize("people", ["revised", "participants"])
 def test_measuring_forces_changes_no_bit(environment, people, rng):
@@ -78,7 +78,7 @@ def test_robots_at_rest_press_nobody(environment):
     assert not episodes.simulation.region_force_n().any()
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", SCRATCHING, "avrgym/BedBathingPR2-v1"])
 def test_regions_bear_together_what_the_person_bears(environment):
     episodes, aim = reset_episodes(environment, WORLDS, "participants", by_region=True), np.arange(WORLDS) % 4

@@ -242,6 +242,7 @@ def assert_same(some: BaseSearchResult, among: BaseSearchResult, worlds: slice) 
 
 
 @pytest.mark.parametrize("seed_pose", [SEED_POSE_RAD, BAD_SEED_RAD])
+@pytest.mark.fast_cases(1)
 def test_a_world_has_the_same_bits_alone_and_among_64(rng, seed_pose):
     """Whether the seed pose leads there or restarts have to."""
     problem = Problem(rng, count=64)

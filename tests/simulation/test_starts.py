@@ -24,7 +24,7 @@ SCRATCHING, FEEDING = "avrgym/ScratchItchJaco-v1", "avrgym/FeedingJaco-v1"
 KINDS = [("original", "limits"), ("revised", "limits"), ("participants", "tremor"), ("zoo/unseen", "tremor")]
 
 
-@pytest.mark.fast_cases(5)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @pytest.mark.parametrize(("people", "impairment"), KINDS)
 def test_nothing_overlaps_and_nothing_presses_at_any_start(environment, people, impairment):
@@ -79,7 +79,7 @@ def test_a_world_drawn_again_has_the_same_bits_alone_and_among_others():
         assert_array_equal(alone.observe()[0], together.observe()[world])
 
 
-@pytest.mark.fast_cases(5)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 @pytest.mark.parametrize("moving", [False, True])
 def test_everybody_who_sits_upright_finds_room(environment, moving):

@@ -16,7 +16,7 @@ from helpers.simulation.random_stops import MAX_REBOUND_M, SLOW_M_S, stop_at_ran
 STOPS = 8
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if packaged_policies(name)])
 def test_a_stopped_arm_is_slow_after_100_ms_and_never_comes_back(environment: str) -> None:
     stops = stop_at_random(environment, STOPS, seed=7)

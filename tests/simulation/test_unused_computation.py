@@ -22,6 +22,7 @@ def reset_episodes(environment: str, *, moving: bool) -> Episodes:
 
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(6)
 def test_every_step_gives_the_bits_that_the_whole_model_gives(environment, moving):
     simulation = reset_episodes(environment, moving=moving).simulation
     light = simulation.batch.get_model(0)

@@ -394,6 +394,7 @@ def test_recordings_contain_the_consent(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.fast_cases(1)
 def test_rebuild_restores_consents_from_recordings(folder: Path, recorded: bool) -> None:
     with Store(folder) as store:
         pseudonym = enrol_with_consent(store)

@@ -255,6 +255,7 @@ def test_results_are_means_of_completed_trials_by_condition(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("blind", [False, True])
+@pytest.mark.fast_cases(1)
 def test_blinded_experimenter_sees_no_condition(tmp_path: Path, blind: bool) -> None:
     folder = make_study(tmp_path, tasks='["Feeding"]', blind_experimenter=json.dumps(blind))
     with Store(folder) as store:

@@ -102,7 +102,7 @@ def test_unedited_design_has_no_findings(made: Path) -> None:
     assert deviations == []
 
 
-@pytest.mark.fast_cases(18)
+@pytest.mark.fast_cases(8)
 @pytest.mark.parametrize("name", EDITS)
 def test_edit_after_a_session_is_found(made: Path, tmp_path: Path, name: str) -> None:
     folder = Path(shutil.copytree(made, tmp_path / "study"))

@@ -260,6 +260,7 @@ def test_rebuild_from_a_truncated_recording(killed: Callable[..., tuple[Store, s
         assert len(attempts_with_open_questionnaire(again, again.attempts(pseudonym))) == 1
 
 
+@pytest.mark.slow
 def test_answers_agree_after_a_kill(left: Callable[[], tuple[Store, str]]) -> None:
     """Recording or database lacks the last change of an answer."""
     store, pseudonym = left()

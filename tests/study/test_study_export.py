@@ -208,6 +208,7 @@ def test_bids_runs_have_a_column_for_each_channel(exports: dict[str, Path]) -> N
         assert sidecar["Simulated"] == ("sub-001" in run.name)
 
 
+@pytest.mark.slow
 def test_bids_validator_finds_no_error(exports: dict[str, Path]) -> None:
     validator = Path(sys.executable).with_name("bids-validator-deno")
     if not validator.exists():

@@ -122,7 +122,7 @@ EDITS = {
 }  # fmt: skip
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("edit", EDITS)
 def test_edited_database_is_found(folder: Path, edit: str) -> None:
     assert wrong(folder) == []

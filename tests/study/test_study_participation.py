@@ -238,7 +238,7 @@ FORGERIES: dict[str, tuple[Callable[[Path], None], str]] = {
 }
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("forgery", FORGERIES)
 def test_participants_without_a_valid_list_need_confirmation(folder: Path, forgery: str) -> None:
     forge, words = FORGERIES[forgery]
@@ -265,7 +265,7 @@ def rebuild_again(folder: Path) -> bool:
     return set(states(folder).values()) == {"unknown"}
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("forgery", FORGERIES)
 def test_invalid_list_is_replaced_from_the_database(folder: Path, forgery: str) -> None:
     forge, _ = FORGERIES[forgery]

@@ -58,6 +58,7 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("leave", ["private", "recordings", "study.head"])
+@pytest.mark.fast_cases(1)
 def test_lost_database_is_not_recreated(tmp_path: Path, leave: str) -> None:
     folder = small_study(tmp_path / "study")
     with Store(folder) as opened:
@@ -142,6 +143,7 @@ def test_existing_database_is_not_rebuilt(old: Path) -> None:
 
 
 @pytest.mark.parametrize("closed", [True, False])
+@pytest.mark.fast_cases(1)
 def test_read_only_study_can_be_opened(
     old: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, closed: bool
 ) -> None:

@@ -43,6 +43,7 @@ def at_rate(held, begin_s: float = 4.0, end_s: float = 26.0, parts=lambda number
 
 
 @pytest.mark.parametrize("every", [1, 2, 4, 10, 20])
+@pytest.mark.fast_cases(2)
 def test_share_counts_held_frames(every: int) -> None:
     assert tracking_loss_share(at_rate(lambda n: n % every == 0)) == pytest.approx(1.0 / every, abs=1e-6)
     parts = at_rate(lambda n: False, parts=lambda n: ["left"] if n % every == 0 else [])

@@ -96,6 +96,7 @@ def test_broken_tasks_are_named_and_skipped(installed):
         assert re.search(f"skipped {re.escape(name)}: \\w+: .*{re.escape(reason)}", said), said
 
 
+@pytest.mark.slow
 def test_a_module_imported_before_avrgym_gets_a_clear_error(installed):
     ran = _python(installed, "-c", "import touch_elbow.task")
     assert ran.returncode == 0
@@ -123,6 +124,7 @@ LiveWorld("{ENVIRONMENT}", Person()).reset(seed=1)
 """
 
 
+@pytest.mark.slow
 def test_a_participant_can_meet_it(installed):
     ran = _python(installed, "-c", LIVE)
     assert ran.returncode == 0, ran.stderr

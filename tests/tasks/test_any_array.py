@@ -184,7 +184,7 @@ def behaviour_models(
     return [targets(sight) for sight in sights]
 
 
-@pytest.mark.fast_cases(12)
+@pytest.mark.fast_cases(5)
 @pytest.mark.parametrize(
     ("distribution", "impairment", "steered"),
     [(*kind, False) for kind in product(BASE_DISTRIBUTIONS, IMPAIRMENTS)] + [("original", "none", True)],

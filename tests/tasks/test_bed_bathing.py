@@ -215,6 +215,7 @@ def touching(pad_q_w: np.ndarray, angle_deg: float, about_rad: float, *, behind_
 
 
 @pytest.mark.parametrize("pad_q_w", [FACING_DOWN_Q, ALONG_Q, transforms.normalize([1.0, -2.0, 0.5, 3.0])])
+@pytest.mark.fast_cases(1)
 def test_only_the_face_wipes(pad_q_w):
     """Whichever way the cloth is turned: with its face and the face's rim, never with its sides or its back."""
     for about_rad in np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False):
@@ -448,6 +449,7 @@ def test_the_nightstand_goes_with_the_robot(rng):
 
 
 @pytest.mark.parametrize("robot", [JACO, PR2])
+@pytest.mark.fast_cases(1)
 def test_the_expert_washes_most_people_gently(robot):
     episodes = Episodes(f"avrgym/BedBathing{robot.name}-v1", 4, people="revised", num_threads=2)
     observation = episodes.reset(np.arange(4), [np.random.default_rng(i) for i in range(4)])

@@ -35,7 +35,7 @@ def assert_same_steps(some: Episodes, many: Episodes, at: int, actions: np.ndarr
         assert_array_equal(one.reward[0], other.reward[at])
 
 
-@pytest.mark.fast_cases(5)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("people", ["revised", "participants", "zoo/train"])
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_the_number_of_threads_changes_no_bit(environment, people, rng):
@@ -59,7 +59,7 @@ def test_random_episodes_stay_finite_without_a_warning(environment, rng):
     assert_finite(reset_episodes(environment, 12), rng, EPISODE_STEPS)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", CARRYING)
 def test_what_a_tool_carries_stays_in_it_while_the_arm_is_still(environment):
     episodes = reset_episodes(environment, 8)
@@ -80,7 +80,7 @@ def on_tool(episodes: Episodes) -> np.ndarray:
     return transforms.rotate(transforms.conjugate(state.tool_q_w)[:, None], offset)
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_robot_and_person_do_not_pass_through_each_other(environment, rng):
     worlds = 8
@@ -114,6 +114,7 @@ def _depth(model: mujoco.MjModel, data: mujoco.MjData) -> float:
 
 
 @pytest.mark.parametrize("environment", [name for name in ENVIRONMENTS if "PR2" in name])
+@pytest.mark.fast_cases(2)
 def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(environment):
     episodes = reset_episodes(environment, 64)
     pos_w, q_w = episodes.simulation.initial_base_pose()

@@ -25,7 +25,7 @@ def reset_episodes(environment: str, count: int) -> Episodes:
     return episodes
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_feedback_expert_depends_on_the_present_only(environment):
     """One that saw everything so far and one that comes in now do the same."""

@@ -113,6 +113,7 @@ def test_a_cup_beside_the_lips_is_turned_so_that_it_pours_there(state):
 
 
 @pytest.mark.parametrize("robot", ["Jaco", "PR2"])
+@pytest.mark.fast_cases(1)
 def test_a_turned_cup_comes_to_everybody(robot):
     """The Jaco cannot bring it straight to all of them."""
     episodes = reset_episodes(robot, "zoo/train", 24)

@@ -26,11 +26,13 @@ def reset_episodes(robot: str, angle_rad: np.ndarray) -> Episodes:
 
 
 @pytest.mark.parametrize("robot", SWINGS)
+@pytest.mark.fast_cases(1)
 def test_outer_skin_is_scratched_like_the_feedback_expert(robot):
     assert_matches_feedback_expert(make_memory_expert, reset_episodes(robot, OUTER_RAD), 40)
 
 
 @pytest.mark.parametrize("robot", SWINGS)
+@pytest.mark.fast_cases(1)
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = reset_episodes(robot, INNER_RAD)
     patient, reactive = make_memory_expert(episodes), episodes.task.feedback_expert(episodes)

@@ -50,6 +50,7 @@ def test_the_arm_keeps_clear_of_the_person_on_the_whole_path() -> None:
 
 
 @pytest.mark.parametrize("robot", ["Panda", "Gen3"])
+@pytest.mark.fast_cases(1)
 def test_an_initial_state_has_the_same_bits_alone_and_among_others(robot: str) -> None:
     together, alone = reset_episodes(robot, [0, 1, 2, 3]), reset_episodes(robot, [2])
     assert_array_equal(together.simulation.integration_state(2), alone.simulation.integration_state(0))

@@ -74,7 +74,7 @@ def folder(tmp_path: Path) -> Path:
     return make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]')
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
     drawn = check_starts(environment)

@@ -181,7 +181,7 @@ TOOLS = [
 ]
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(("task", "tool", "particles"), TOOLS)
 def test_every_particle_of_every_tool_stays_in_it(task: str, tool: str, particles: int) -> None:
     """The robot holds the tool level for a second; its expert can then begin."""

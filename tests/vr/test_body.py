@@ -150,7 +150,7 @@ def lean(direction_deg: float, shift_m: float, radius_m: float) -> Pose:
     return Pose(pivot + transforms.rotate(q, [0.0, 0.0, radius_m]), q)
 
 
-@pytest.mark.fast_cases(8)
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("direction_deg", range(0, 360, 15))
 def test_leans_about_the_waist_are_followed_as_far_as_it_bends(direction_deg: int) -> None:
     """30 cm forward; to the sides and back the waist's 30° end at 23 cm. The head may look where it likes."""

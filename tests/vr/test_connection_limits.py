@@ -161,6 +161,7 @@ def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatc
     assert ended == ["192.0.2.1"] * 2
 
 
+@pytest.mark.slow
 def test_silence_is_closed(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -199,6 +200,7 @@ def accepts(connection: socket.socket, data: bytes) -> bool:
     return True
 
 
+@pytest.mark.slow
 def test_connections_without_handshake_time_out(
     make_server: Callable[..., LiveServer[Session]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

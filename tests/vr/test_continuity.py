@@ -159,7 +159,7 @@ def numbered(frame: Tracking, sequence: int) -> Tracking:
     return msgspec.structs.replace(frame, sequence=sequence)
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [10**6, LARGEST, 2**63])
 def test_a_frame_from_far_ahead_holds_no_others(visit: Callable[..., Visit], number: int) -> None:
     jumped = visit(seeds=(3, 4), trial_steps=20)

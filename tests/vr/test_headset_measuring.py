@@ -151,6 +151,7 @@ def test_the_check_goes_on_by_itself_once_the_stop_was_tried(tmp_path: Path, way
     assert is_headset_ready(result), result_text(result)
 
 
+@pytest.mark.slow
 def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) -> None:
     visit = Visit(
         tmp_path, replace(CHECKED, headset_check=HeadsetCheckPlan(1.2, 0.3, 0.4, test_stop_limit_s=0.5))
@@ -175,7 +176,7 @@ def test_a_check_of_earlier_versions_lacks_no_stop() -> None:
     assert "stop" not in fault_text(check)
 
 
-@pytest.mark.fast_cases(6)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("way", [None, *get_args(StopMethod)])
 def test_every_way_stops_a_trial_at_once_and_is_stored(tmp_path: Path, way: StopMethod | None) -> None:
     visit = Visit(tmp_path, plan())

@@ -235,6 +235,7 @@ TARGETS = st.one_of(
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
+@pytest.mark.slow
 def test_the_server_survives_random_bytes(
     server: LiveServer[Session], method: str, target: str, fields: list[tuple[str, bytes]]
 ) -> None:

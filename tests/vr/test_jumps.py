@@ -160,7 +160,7 @@ def test_a_hand_that_jumps_is_held_and_the_recording_says_so(visit: Visit) -> No
     assert all(each.moved_person and each.rejected_parts == ["left"] for each in frames(recording)[-20:])
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("attack", PATTERNS)
 def test_teleporting_poses_press_no_harder_than_a_person_at_rest_and_a_slow_impact(
     tmp_path: Path, attack: str

@@ -57,6 +57,7 @@ def ended(visit: Visit) -> Recording:
     return recording
 
 
+@pytest.mark.slow
 def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(tmp_path: Path) -> None:
     visit = helping(tmp_path)
     assert far_m(visit) < 0.2

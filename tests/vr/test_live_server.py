@@ -490,6 +490,7 @@ def test_damaged_messages_never_end_the_session(server: LiveServer) -> None:
 
 
 @pytest.mark.parametrize("kind", ["frames", "entered"])
+@pytest.mark.slow
 def test_a_flooding_client_is_disconnected_with_the_reason(server: LiveServer, kind: str) -> None:
     person = SimulatedParticipant(sample_participant_traits("woman", 2), 2)
     frame = person.tracking_frame(0.0, moving=False)

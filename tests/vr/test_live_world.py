@@ -40,6 +40,7 @@ def pose_of(person: Person, posture: Posture, angles_rad: np.ndarray) -> BodyPos
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(4)
 def test_a_persons_head_and_hands_come_to_the_participants(environment: str) -> None:
     """Sitting or lying, from the task's rest: a nod, a lean and both arms, in the simulated physics.
 

@@ -307,7 +307,7 @@ def test_the_experimenter_stops_the_robot(visit: Callable[..., Visit]) -> None:
     session.run_until("trial")
 
 
-@pytest.mark.fast_cases(4)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize(
     "phase", ["check", "free_before", "countdown", "trial", "free_after", "questionnaire"]
 )
@@ -401,6 +401,7 @@ def test_who_comes_back_keeps_their_torso_height(visit: Callable[..., Visit]) ->
 
 
 @pytest.mark.parametrize("phase", ["waiting", "calibration", "check", "trial", "questionnaire"])
+@pytest.mark.fast_cases(2)
 def test_a_torso_height_is_corrected(visit: Callable[..., Visit], phase: str) -> None:
     """A trial whose questions are open counts: the next one has the corrected height."""
     session = visit(seeds=(3, 4))

@@ -64,7 +64,7 @@ def recentre(visit: Visit) -> None:
     visit.send(OriginReset())
 
 
-@pytest.mark.fast_cases(2)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("happens", [blink, reload, take_off, recentre], ids=lambda each: each.__name__)
 def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Visit], None]) -> None:
     visit = asked(tmp_path)
@@ -95,7 +95,7 @@ def test_only_what_is_unanswered_is_asked(tmp_path: Path, happens: Callable[[Vis
     assert [result(each) for each in visit.recordings()] == ["completed", "completed"]
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("happens", [blink, reload, take_off, recentre], ids=lambda each: each.__name__)
 @pytest.mark.parametrize("phase", ["retreat", "free_after"])
 def test_the_questions_come_when_somebody_goes_before_them(
@@ -121,6 +121,7 @@ def test_after_practice_nobody_is_asked(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("phase", ["retreat", "free_after", "questionnaire"])
+@pytest.mark.fast_cases(1)
 def test_a_server_that_stops_completes_the_trial(tmp_path: Path, phase: str) -> None:
     visit = Visit(tmp_path, plan(free_movement_s=1.0))
     visit.go_to(phase)

@@ -57,6 +57,7 @@ def hand_pos_w(world: LiveWorld) -> np.ndarray:
 
 
 @pytest.mark.parametrize("environment", ["avrgym/FeedingJaco-v1", "avrgym/FeedingPR2-v1"])
+@pytest.mark.fast_cases(1)
 def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -> None:
     """From any start, for any command, also with a nearly stretched arm."""
     episodes, rng = Episodes(environment, 1, num_threads=1), np.random.default_rng(0)
@@ -78,6 +79,7 @@ def test_the_hand_never_exceeds_its_limits_nor_do_the_joints(environment: str) -
     [((1.0, 0.0, 0.0), (0, -1, 0)), ((0.0, 1.0, 0.0), (1, 0, 0)), ((0.0, 0.0, 1.0), (0, 0, 1))],
 )
 @pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.fast_cases(2)
 def test_the_hand_goes_where_the_operator_says(
     tmp_path: Path, linear: tuple[float, float, float], direction_w: tuple[float, float, float], way: float
 ) -> None:

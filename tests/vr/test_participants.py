@@ -120,7 +120,7 @@ def test_a_cooperative_participant_moves_the_arm_to_the_tool() -> None:
     assert 0.01 < np.linalg.norm(half - still) < np.linalg.norm(full - still)
 
 
-@pytest.mark.fast_cases(8)
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize("people", ["original", "zoo/unseen"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
 def test_people_of_other_kinds_move_smoothly_and_have_their_own_heights(
@@ -289,6 +289,7 @@ def test_a_participant_sits_and_then_lies_through_a_session(tmp_path: Path) -> N
     assert all(read_recording(path).complete for path in session.recordings)
 
 
+@pytest.mark.slow
 def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
     blocked = tmp_path / "file"
     blocked.write_text("")
@@ -299,6 +300,7 @@ def test_a_participant_gives_up_after_failed_starts(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(3)
 def test_a_trained_human_acts_in_vr_as_in_training(environment, monkeypatch):
     """But for the itch, whose mark is drawn above the skin, and for forces, of which a headset tells nothing."""
     told: list[np.ndarray] = []

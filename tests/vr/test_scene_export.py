@@ -44,7 +44,7 @@ def at_rest(environment: str) -> mujoco.MjData:
     return data
 
 
-@pytest.mark.fast_cases(3)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
 def test_a_headset_can_draw_it(environment: str) -> None:
     """Everything once for each eye and once for the sun's shadow."""

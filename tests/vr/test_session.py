@@ -370,7 +370,7 @@ def test_a_stop_after_the_robot_has_finished_keeps_the_trial(visit: Callable[...
     assert finished.recordings()[0].complete
 
 
-@pytest.mark.fast_cases(7)
+@pytest.mark.fast_cases(3)
 @pytest.mark.parametrize(
     "event", [Left(), ParticipantDisconnected(), OriginReset()], ids=lambda event: type(event).__name__
 )
@@ -735,6 +735,7 @@ def test_a_trial_whose_recording_cannot_be_ended_is_repeated(
     assert [recording.complete for recording in visitor.recordings()] == [False, True]
 
 
+@pytest.mark.slow
 def test_a_recording_may_fail_at_any_tick_of_a_control_step(
     visit: Callable[..., Visit], monkeypatch: pytest.MonkeyPatch
 ) -> None:

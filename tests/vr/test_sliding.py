@@ -90,6 +90,7 @@ def test_after_a_slide_the_head_is_where_it_is_tracked(tmp_path: Path, way_m: tu
     assert placed.xr_from_world.position == pytest.approx(visit.place.xr_from_world().position, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_who_leans_stays_where_they_are(tmp_path: Path) -> None:
     visit = sitting(tmp_path)
     before = visit.place
@@ -103,6 +104,7 @@ def test_who_leans_stays_where_they_are(tmp_path: Path) -> None:
     assert visit.received(Placed) == []
 
 
+@pytest.mark.slow
 def test_who_gets_up_takes_no_seat_along(tmp_path: Path) -> None:
     visit = sitting(tmp_path)
     before = visit.place
@@ -112,6 +114,7 @@ def test_who_gets_up_takes_no_seat_along(tmp_path: Path) -> None:
     assert visit.place is before
 
 
+@pytest.mark.slow
 def test_who_comes_meanwhile_is_told_where_the_world_goes(tmp_path: Path) -> None:
     visit = sitting(tmp_path)
     visit.slide(0.3, 0.0)

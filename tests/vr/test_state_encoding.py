@@ -102,6 +102,7 @@ def test_angles_are_within_half_a_step() -> None:
 
 
 @pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.fast_cases(3)
 def test_states_of_moving_worlds_are_small_and_exact(environment: str) -> None:
     """Person and robot move at random, more than anybody does."""
     random = np.random.default_rng(0)

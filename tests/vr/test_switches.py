@@ -222,7 +222,7 @@ def farthest(
     return found
 
 
-@pytest.mark.fast_cases(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("gap_s", [0.0, 0.3])
 @pytest.mark.parametrize("way", WAYS)
 def test_the_simulated_hand_stays_where_it_is(

@@ -84,6 +84,7 @@ def test_a_body_of_the_other_sex_is_measured_anew(visit: Visit) -> None:
 
 
 @pytest.mark.parametrize("phase", ["loading", "free_before", "trial", "questionnaire", "finished"])
+@pytest.mark.fast_cases(2)
 def test_a_trial_keeps_its_body(visit: Visit, phase: str) -> None:
     visit.go_to(phase)
     before = visit.session.person
@@ -109,6 +110,7 @@ AT_REST: dict[str, bool] = {
 
 
 @pytest.mark.parametrize("phase", AT_REST)
+@pytest.mark.fast_cases(4)
 def test_a_session_is_at_rest_where_no_trial_runs(visit: Visit, phase: str) -> None:
     visit.go_to(phase)
     assert visit.session.at_rest == AT_REST[phase]

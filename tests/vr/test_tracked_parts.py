@@ -188,6 +188,7 @@ def test_the_countdown_waits_for_a_needed_hand(tmp_path: Path) -> None:
     assert visit.phase == "trial"
 
 
+@pytest.mark.slow
 def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Path) -> None:
     visit = visiting(tmp_path, "ScratchItch", steps=40)
     visit.go_to("trial")
@@ -284,6 +285,7 @@ def test_before_the_first_frame_no_part_is_stale_and_none_is_tracked() -> None:
 
 @pytest.mark.parametrize("people", ["original", "participants"])
 @pytest.mark.parametrize("impairment", IMPAIRMENTS)
+@pytest.mark.fast_cases(5)
 def test_no_simulated_participant_repeats_a_pose(people: str, impairment: ImpairmentName) -> None:
     someone = SimulatedParticipant(
         sample_participant_traits("man", 3, BASE_DISTRIBUTIONS[people], impairment), 3

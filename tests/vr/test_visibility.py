@@ -37,7 +37,7 @@ def speed_m_s(visit: Visit) -> float:
 # Before and while the robot helps ----------------------------------------------------------------------------
 
 
-@pytest.mark.fast_cases(6)
+@pytest.mark.fast_cases(2)
 @pytest.mark.parametrize("visibility", UNSEEN)
 @pytest.mark.parametrize("phase", ["free_before", "countdown", "trial"])
 def test_the_robot_holds_when_its_participant_no_longer_sees_the_scene(
@@ -102,7 +102,7 @@ def test_the_experimenter_begins_no_trial_in_their_place(
     assert len(blocked.session.recordings) == 1
 
 
-@pytest.mark.fast_cases(4)
+@pytest.mark.fast_cases(1)
 @pytest.mark.parametrize("phase", ["check", "ready"])
 @pytest.mark.parametrize("visibility", UNSEEN)
 def test_no_trial_begins_while_they_do_not_see_the_scene(
