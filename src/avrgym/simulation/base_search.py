@@ -196,8 +196,9 @@ def _score(
     reached = kinematics.is_accurate(arms)
     rows = np.nonzero(reached)[0]
     goals_reached, isotropy = np.zeros(len(reached), dtype=np.intp), np.zeros(len(reached))
-    shape = goal_pos_w.shape[1], len(rows)
-    goals, number = np.tile(rows, shape[0]), np.repeat(np.arange(shape[0]), shape[1])
+    shape = int(goal_pos_w.shape[1]), len(rows)
+    goals = np.tile(rows, shape[0])
+    number: IntArray = np.repeat(np.arange(shape[0]), shape[1])
     goal_q = None if goal_q_w is None else goal_q_w[world[goals], number]
     arrived, freedom = _arrive(
         chain, _rows(bases, goals), arms.joint_positions[goals], goal_pos_w[world[goals], number], goal_q
