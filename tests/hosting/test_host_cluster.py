@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("ray", reason="Ray is an extra")
 pytest.importorskip("boto3", reason="the object store is an extra")
 
+from avrgym.hosting import cluster
 from avrgym.hosting.cluster import RayNode, RayNodes
 from avrgym.hosting.host import Host
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
@@ -18,7 +19,7 @@ from avrgym.vr.protocol.messages import Welcome
 from helpers.hosting.served_host import Served, first, wait_until
 from helpers.hosting.services import database_and_object_store
 from helpers.learning.ray_nodes import kill_node_named, ray_nodes
-from helpers.studies.small_studies import small_study
+from helpers.studies.small_studies import enrol_with_consent, run_participant, small_study
 
 
 @pytest.mark.slow
@@ -29,9 +30,9 @@ def test_a_session_continues_on_another_node_with_the_same_link(tmp_path: Path) 
     with (
         database_and_object_store(),
         ray_nodes(1, 1) as nodes,
-        connect(nodes.address) as cluster,
+        connect(nodes.address) as connected,
         Store(folder) as store,
-        Host(store, computers=RayNodes(store, cluster)) as host,
+        Host(store, computers=RayNodes(store, connected)) as host,
     ):
         served = Served(host)
         session, token = served.start()
@@ -47,6 +48,14 @@ def test_a_session_continues_on_another_node_with_the_same_link(tmp_path: Path) 
             assert isinstance(first(socket), Welcome)
         states = [each.state for each in store.sessions(session.pseudonym)]
         assert states == ["interrupted", "open"]
+
+
+def test_nodes_get_neither_names_nor_recordings(tmp_path: Path) -> None:
+    with Store(small_study(tmp_path / "study")) as store:
+        run_participant(store, enrol_with_consent(store, simulated=False, name="Ann"), 1, simulated=False)
+        (store.folder / "private" / "tokens.json").write_text("{}")
+        sent = cluster.files_for_nodes(store)
+    assert sorted(name for name, _ in sent.files) == ["private/tokens.json", "study.toml"]
 
 
 def test_a_cluster_needs_postgresql_and_an_object_store(

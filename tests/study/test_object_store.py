@@ -135,6 +135,24 @@ def test_answers_that_follow_are_uploaded_and_downloaded(uploaded: tuple[Store, 
     assert [each.value for each in read_answers(recording)] == [1, 2]
 
 
+def test_other_files_of_the_object_store_are_ignored(
+    uploaded: tuple[Store, dict[str, bytes]], tmp_path: Path
+) -> None:
+    store, files = uploaded
+    other = tmp_path / "other"
+    other.write_bytes(b"x" * 100_000)
+    assert store.object_store is not None
+    for name in (
+        "recordings/sub-001/ses-01/../../../study.toml",
+        "recordings/study.toml",
+        "recordings/sub-001/x.mcap",
+    ):
+        store.object_store.upload(name, other)
+    fetch_recordings(store)
+    assert _files(store) == files
+    assert (store.folder / "study.toml").stat().st_size < 100_000
+
+
 def test_a_deletion_removes_recordings_from_the_object_store(
     uploaded: tuple[Store, dict[str, bytes]],
 ) -> None:

@@ -141,7 +141,7 @@ class _NodeSession(threading.Thread):
     def _pass_messages(self) -> None:
         key = secrets.token_bytes(32)
         listening = self._actor.listen.remote(
-            self._request, _files(self._store), _variables(self._store), key
+            self._request, files_for_nodes(self._store), _variables(self._store), key
         )
         address, self.pid, versions = ray.get(listening, timeout=START_TIMEOUT_S)
         try:
@@ -194,7 +194,7 @@ class _SessionActor:
             run_session(replace(self._request, folder=folder), pipe)
 
 
-def _files(store: Store) -> TransferredFile:
+def files_for_nodes(store: Store) -> TransferredFile:
     """Returns the files of the study that a session needs. Recordings and names of participants are not among them."""
     sounds = (path for path in (store.folder / SOUNDS_FOLDER).rglob("*") if path.is_file())
     needed = [store.folder / name for name in (DESIGN, *study_files(store), Path(PRIVATE) / "tokens.json")]
