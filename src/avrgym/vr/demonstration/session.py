@@ -310,7 +310,7 @@ class DemonstrationSession:
         registration = self._tracking.registration or self._floor
         place = registration.xr_from_world()
         made = attempt_configuration(session, 0, number, world, place, self._folder.folder.name, ())
-        return msgspec.structs.replace(made, trial=self._folder.count("completed") + 1)
+        return msgspec.structs.replace(made, trial_number=self._folder.count("completed") + 1)
 
     def _record_event(self, name: str, detail: str) -> None:
         if self.attempt is not None:
