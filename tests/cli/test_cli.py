@@ -15,7 +15,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner, Result
 
-from avrgym.cli.learning import OMITTED_METRICS
+from avrgym.cli.evaluation import OMITTED_METRICS
 from avrgym.cli.main import app
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.processes import AVRGYM, kill_with_parent

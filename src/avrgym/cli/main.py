@@ -5,9 +5,9 @@ from avrgym.cli.bench import app as bench_commands
 from avrgym.cli.demo import demo
 from avrgym.cli.demonstrate import demonstrate
 from avrgym.cli.doctor import doctor
+from avrgym.cli.evaluation import envs, evaluate, fit_people
 from avrgym.cli.export import app as export_commands
 from avrgym.cli.host import host
-from avrgym.cli.learning import envs, evaluate, fit_people, train
 from avrgym.cli.new import app as new_commands
 from avrgym.cli.program import CommandGroup, Program
 from avrgym.cli.replay import replay
@@ -15,6 +15,7 @@ from avrgym.cli.serve import serve, view
 from avrgym.cli.study import app as study_commands
 from avrgym.cli.sweep import sweep
 from avrgym.cli.terminal import report_errors
+from avrgym.cli.training import train
 from avrgym.system.mujoco_setup import check_rendering_backend
 
 app = Program(
