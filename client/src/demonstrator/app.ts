@@ -32,6 +32,8 @@ export class DemonstratorApp {
   framesDrawn = 0;
   lastState: State | null = null;
   progress: DemonstrationProgress | null = null;
+  /** The address of the scene that is loaded; an episode cannot start before its end. */
+  private loading: string | null = null;
   private readonly connection: Connection;
   private readonly session: XRSessionManager;
   private readonly driving: OperatorControl;
@@ -114,10 +116,14 @@ export class DemonstratorApp {
   /** Loads a scene. The demonstrator's place in it does not change. */
   private async onScene(scene: Scene): Promise<void> {
     this.states.beginScene();
+    this.loading = scene.url;
+    this.showProgress();
     const placed = this.viewpoint.placed ? { ...scene, xr_from_world: this.viewpoint.xrFromWorld } : scene;
     try {
       await this.world.load(placed, fetchBytes(scene.url, this.token));
       this.connection.send({ type: "scene_watched", url: scene.url });
+      if (this.loading === scene.url) this.loading = null;
+      this.showProgress();
     } catch (error) {
       this.onProblem(`The scene cannot be loaded: ${String(error)}`);
     }
@@ -132,14 +138,20 @@ export class DemonstratorApp {
 
   private onProgress(progress: DemonstrationProgress): void {
     this.progress = progress;
+    element("problem").hidden = true;
+    this.showProgress();
+  }
+
+  private showProgress(): void {
+    const { progress } = this;
+    if (!progress) return;
     const { stage } = progress;
     element("episode").hidden = false;
-    element<HTMLButtonElement>("start").disabled = stage !== "ready";
+    element<HTMLButtonElement>("start").disabled = stage !== "ready" || this.loading !== null;
     element<HTMLButtonElement>("success").disabled = stage !== "running";
     element<HTMLButtonElement>("discard").disabled = stage !== "ready" && stage !== "running";
     element("phase-text").textContent = stageText(progress);
     element("counts").textContent = countText(progress);
-    element("problem").hidden = true;
   }
 
   private onProblem(text: string): void {
@@ -219,7 +231,7 @@ export class DemonstratorApp {
     if (open && this.throttle.pass(timeMs))
       this.connection.send(steerMessage({ ...controls, clutch }, poses, this.viewpoint.xrFromWorld, this.scale));
     const button = this.progress && episodeButton(controls, this.progress.stage === "running");
-    if (button) this.press(button);
+    if (button && !(button === "start" && this.loading)) this.press(button);
     this.haptics.frame(controls.hand, timeMs);
     const grip = poses[controls.hand];
     if (grip) this.marker.position.set(...grip[0]);

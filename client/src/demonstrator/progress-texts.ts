@@ -4,7 +4,7 @@ const STAGE_TEXTS: Readonly<Record<DemonstrationProgress["stage"], string>> = {
   preparing: "The next person is prepared.",
   ready: "Press A or Start to begin.",
   running: "Press A or Success when the task is done.",
-  finished: "All episodes are recorded.",
+  finished: "All episodes are recorded. Stop the program with Ctrl+C.",
 };
 
 /** The task and the next step. */
