@@ -206,7 +206,7 @@ def test_the_page_of_the_caregiver_in_a_browser(served: Served, tmp_path: Path) 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("relaxed_limits")
-def test_a_caregiver_takes_part_in_a_trial_in_a_browser(served: Served, tmp_path: Path) -> None:
+def test_a_caregiver_takes_part_in_a_trial_in_a_browser(served: Served) -> None:
     """The participant plays without a headset. The caregiver sees the trial, commands, stops the robot and answers."""
     expect.set_options(timeout=1000 * PATIENCE_S)
     with sync_playwright() as playwright:
@@ -227,7 +227,6 @@ def test_a_caregiver_takes_part_in_a_trial_in_a_browser(served: Served, tmp_path
                 participant.locator("#ready").dispatch_event("click")
             participant.wait_for_timeout(300.0)
         assert violations(care) == []
-        care.screenshot(path=tmp_path / "caregiver.png", full_page=True)
         expect(commands.get_by_role("button")).to_have_count(3)
         commands.get_by_role("button", name="Slower").click()
         care.get_by_role("button", name="Stop the robot").click()
