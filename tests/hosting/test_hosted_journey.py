@@ -1,0 +1,147 @@
+"""The way of a participant in a browser with an emulated headset, and the experimenter's pages."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, ViewportSize, expect, sync_playwright
+
+from avrgym.hosting.computers import ThisComputer
+from avrgym.hosting.host import Host
+from avrgym.study.storage.store import Store
+from avrgym.tasks.registry import ENVIRONMENTS
+from avrgym.texts.interface_texts import ENGLISH_TEXTS
+from avrgym.vr.emulation.emulated_headset import (
+    CHROMIUM_FLAGS,
+    EmulatedHeadset,
+    find_chromium,
+)
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
+from helpers.browser.accessibility import violations
+from helpers.browser.journey import (
+    TIMEOUT_S,
+    finish_phases,
+    skip_drawing,
+    wait_for_buttons,
+)
+from helpers.hosting.served_host import Served, wait_until
+from helpers.hosting.slow_sessions import run_slow_session
+from helpers.studies.small_studies import make_study
+from helpers.vr.visit import constant_policy
+
+pytestmark = pytest.mark.slow
+TEXTS = ENGLISH_TEXTS.page
+PHONE = ViewportSize(width=390, height=844)
+DESKTOP = ViewportSize(width=1440, height=900)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    expect.set_options(timeout=1000 * TIMEOUT_S)
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
+        yield browser
+        browser.close()
+
+
+class HomeHeadset(EmulatedHeadset):
+    """The browser of a headset at home. It opens the participant's own page, then the page of the session."""
+
+    def __init__(self, browser: Browser) -> None:  # the base class opens the page of a session
+        self._browser = browser
+        self.page = browser.new_page(viewport=PHONE)
+        self.page.set_default_timeout(1000 * TIMEOUT_S)
+
+    def choose(self, text: str) -> None:
+        """Choose the button or link with a text of the participant's page. Before it, axe checks the page."""
+        chosen = self.page.get_by_role("button", name=TEXTS[text], exact=True)
+        chosen = chosen.or_(self.page.get_by_role("link", name=TEXTS[text], exact=True))
+        expect(chosen).to_be_visible()
+        assert violations(self.page) == [], text
+        chosen.click()
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A hosted study with the headset check and one short trial."""
+    folder = make_study(
+        tmp_path / "study",
+        tasks='["Feeding"]',
+        robots='["Jaco"]',
+        policies='["mine"]',
+        practice_policy='""',
+        trial_steps="20",
+        free_movement_s="0.5",
+    )
+    environment = next(name for name, pair in ENVIRONMENTS.items() if pair == ("Feeding", "Jaco"))
+    (folder / "mine").mkdir()
+    constant_policy(environment).save(folder / "mine" / "FeedingJaco.safetensors")
+    (folder / "host.toml").write_text('[withdrawn]\ncode = "LEFT-7"\n')
+    return folder
+
+
+def test_participant_at_home_from_the_link_to_the_headset_check(folder: Path, browser: Browser) -> None:
+    headset, computer = HomeHeadset(browser), ThisComputer(run_slow_session)
+    with Store(folder) as store, Host(store, computers=lambda: [computer]) as host:
+        served = Served(host)
+        headset.page.goto(f"{host.origin}/?emulate=1#invitation={served.invite()}")
+        headset.choose("host_take_part")
+        headset.choose("host_agree")
+        for question in store.design.inclusion:
+            group = headset.page.get_by_role("group", name=question.text)
+            group.get_by_label(TEXTS["host_yes" if question.required else "host_no"]).check()
+        headset.choose("host_send")
+        headset.choose("host_safe")
+        headset.choose("host_start")
+        skip_drawing(headset)
+        headset.choose("host_enter")
+        watch_session(browser, host)
+        pass_headset_check(headset)
+        wait_until(lambda: store.sessions("sub-001")[-1].latest_headset_check, "the result is stored")
+        check = store.sessions("sub-001")[-1].latest_headset_check
+        assert check is not None
+        assert (check.vibration_felt, check.sound_heard, check.stop_method, check.emulated) == (
+            True,
+            True,
+            "button",
+            True,
+        )
+        headset.page.get_by_role("link", name=TEXTS["host_own_page"]).dispatch_event("click")
+        expect(headset.page.get_by_role("button", name=TEXTS["host_withdraw"], exact=True)).to_be_visible()
+        own_token = headset.page.url.partition("#participant=")[2]
+        assert served.post("withdrawal", own_token).status_code == 204
+        expect(headset.page.get_by_text(TEXTS["host_your_code"].format(code="LEFT-7"))).to_be_visible()
+        assert violations(headset.page) == []
+        assert [each.state for each in store.participants()] == ["withdrawn"]
+
+
+def pass_headset_check(headset: EmulatedHeadset) -> None:
+    """Enter VR, and answer the questions of the headset check."""
+    participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
+    headset.page.wait_for_function("() => window.avrgymEmulator !== undefined")
+    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    headset.enter_vr()
+    finish_phases(headset, "headset")
+    headset.page.wait_for_function("() => window.avrgymEmulator.phase().name === 'headset_stop'")
+    headset.press_menu("left")
+    for item in ("haptics", "sound"):
+        wait_for_buttons(headset, item)
+        headset.select_answer(1)
+
+
+def watch_session(browser: Browser, host: Host) -> None:
+    """The experimenter opens the session from the page of all sessions, and the page of all participants."""
+    page = browser.new_page(viewport=DESKTOP)
+    page.context.set_default_timeout(1000 * TIMEOUT_S)
+    page.goto(host.experimenter_url)
+    with page.expect_popup() as opened:
+        page.get_by_role("link", name="Open the session of sub-001").click()
+    watched = opened.value
+    expect(watched.locator("#status-words")).to_contain_text("Connected")
+    expect(watched.get_by_role("button", name="End session")).to_be_enabled()
+    watched.close()
+    page.get_by_role("link", name="Participants").dispatch_event("click")
+    expect(page.get_by_role("row", name="sub-001")).to_contain_text("allocated")
+    expect(page.locator("#session")).to_be_hidden()
+    assert violations(page) == []
+    page.close()
