@@ -8,29 +8,34 @@ from playwright.sync_api import Browser, ViewportSize, expect, sync_playwright
 
 from avrgym.hosting.computers import ThisComputer
 from avrgym.hosting.host import Host
+from avrgym.study.checking.checks import check_study
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.emulation.emulated_headset import (
     CHROMIUM_FLAGS,
+    DONE_BUTTON,
     EmulatedHeadset,
     find_chromium,
 )
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from helpers.browser.accessibility import violations
 from helpers.browser.journey import (
+    SEATING,
     TIMEOUT_S,
     finish_phases,
     skip_drawing,
     wait_for_buttons,
+    wait_for_phase,
 )
-from helpers.hosting.served_host import Served, wait_until
+from helpers.hosting.served_host import Served
 from helpers.hosting.slow_sessions import run_slow_session
 from helpers.studies.small_studies import make_study
 from helpers.vr.visit import constant_policy
 
 pytestmark = pytest.mark.slow
 TEXTS = ENGLISH_TEXTS.page
+ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
 PHONE = ViewportSize(width=390, height=844)
 DESKTOP = ViewportSize(width=1440, height=900)
 
@@ -76,11 +81,11 @@ def folder(tmp_path: Path) -> Path:
     environment = next(name for name, pair in ENVIRONMENTS.items() if pair == ("Feeding", "Jaco"))
     (folder / "mine").mkdir()
     constant_policy(environment).save(folder / "mine" / "FeedingJaco.safetensors")
-    (folder / "host.toml").write_text('[withdrawn]\ncode = "LEFT-7"\n')
+    (folder / "host.toml").write_text('[completed]\ncode = "DONE-7"\n')
     return folder
 
 
-def test_participant_at_home_from_the_link_to_the_headset_check(folder: Path, browser: Browser) -> None:
+def test_participant_at_home_from_the_link_to_the_code(folder: Path, browser: Browser) -> None:
     headset, computer = HomeHeadset(browser), ThisComputer(run_slow_session)
     with Store(folder) as store, Host(store, computers=lambda: [computer]) as host:
         served = Served(host)
@@ -97,22 +102,16 @@ def test_participant_at_home_from_the_link_to_the_headset_check(folder: Path, br
         headset.choose("host_enter")
         watch_session(browser, host)
         pass_headset_check(headset)
-        wait_until(lambda: store.sessions("sub-001")[-1].latest_headset_check, "the result is stored")
+        complete_trial(headset)
+        headset.page.get_by_role("link", name=TEXTS["host_own_page"]).dispatch_event("click")
+        expect(headset.page.get_by_text(TEXTS["host_your_code"].format(code="DONE-7"))).to_be_visible()
+        assert violations(headset.page) == []
+        assert [each.state for each in store.participants()] == ["completed"]
+        assert {each.item: each.value for each in store.answers("sub-001")} == ANSWERS
         check = store.sessions("sub-001")[-1].latest_headset_check
         assert check is not None
-        assert (check.vibration_felt, check.sound_heard, check.stop_method, check.emulated) == (
-            True,
-            True,
-            "button",
-            True,
-        )
-        headset.page.get_by_role("link", name=TEXTS["host_own_page"]).dispatch_event("click")
-        expect(headset.page.get_by_role("button", name=TEXTS["host_withdraw"], exact=True)).to_be_visible()
-        own_token = headset.page.url.partition("#participant=")[2]
-        assert served.post("withdrawal", own_token).status_code == 204
-        expect(headset.page.get_by_text(TEXTS["host_your_code"].format(code="LEFT-7"))).to_be_visible()
-        assert violations(headset.page) == []
-        assert [each.state for each in store.participants()] == ["withdrawn"]
+        assert (check.vibration_felt, check.sound_heard, check.stop_method) == (True, True, "button")
+        assert [each for each in check_study(store) if each.is_error] == []
 
 
 def pass_headset_check(headset: EmulatedHeadset) -> None:
@@ -127,6 +126,19 @@ def pass_headset_check(headset: EmulatedHeadset) -> None:
     for item in ("haptics", "sound"):
         wait_for_buttons(headset, item)
         headset.select_answer(1)
+
+
+def complete_trial(headset: EmulatedHeadset) -> None:
+    """Be measured, take part in the trial, and answer its questions."""
+    participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
+    headset.set_poses(participant.tracking_frame(0.0, moving=False))
+    finish_phases(headset, "headset", *SEATING)
+    for item, value in ANSWERS.items():
+        wait_for_buttons(headset, item)
+        headset.select_answer(value)
+    wait_for_buttons(headset, "confirm")
+    headset.select_answer(DONE_BUTTON)
+    wait_for_phase(headset, "finished")
 
 
 def watch_session(browser: Browser, host: Host) -> None:
