@@ -22,7 +22,7 @@ from avrgym.learning.lerobot_dataset import FILE
 from avrgym.learning.normaliser import Normaliser, observation_of
 from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
 from avrgym.policies.trained import PolicyMetadata
-from avrgym.tasks.observation import measured_by_robot
+from avrgym.tasks.observation import robot_measured_mask
 
 ENVIRONMENT = "avrgym/FeedingJaco-v1"
 PEOPLE = "zoo/train", "zoo/unseen", "participants"
@@ -62,7 +62,7 @@ def read(data: Path) -> tuple[np.ndarray, np.ndarray]:
         np.array(table.column(name).to_pylist(), np.float32)
         for name in ("observation.state", "observation.environment_state", "action")
     )
-    measured = measured_by_robot(observation_of(ENVIRONMENT))
+    measured = robot_measured_mask(observation_of(ENVIRONMENT))
     observations = np.empty((len(state), len(measured)), np.float32)
     observations[:, measured], observations[:, ~measured] = state, environment_state
     episodes = [each.reshape(-1, steps, each.shape[1]).swapaxes(0, 1) for each in (observations, actions)]

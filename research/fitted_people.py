@@ -35,7 +35,7 @@ from avrgym.people.zoo.partners import (
     parameters_of,
 )
 from avrgym.study.export.trials import completed_attempts
-from avrgym.study.sessions.simulation import draw_participant_traits, find_dry_run_settings
+from avrgym.study.sessions.simulation import draw_participant_traits, make_dry_run_settings
 from avrgym.study.storage.store import Store
 from avrgym.system.files import write_atomically
 
@@ -109,7 +109,7 @@ def recover(folder: Path) -> Iterator[str]:
     assert fit.behaviour is not None
     if not (folder / "fitted.toml").exists():
         write_people_file(fit, folder / "fitted.toml")
-    run = find_dry_run_settings(SEED, str(folder / "group.toml"), "none")
+    run = make_dry_run_settings(SEED, str(folder / "group.toml"), "none")
     with Store(folder) as store:
         true = [
             draw_participant_traits(store.participant(name), run).partner_parameters

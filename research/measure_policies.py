@@ -14,7 +14,7 @@ import msgspec
 
 from avrgym.learning.evaluation import evaluate_all
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from figures_file import chosen
 
@@ -42,7 +42,7 @@ def main() -> None:
 def is_measured(policy: Policy, episodes: int) -> bool:
     """Whether the file contains results from at least so many episodes in the present simulated world."""
     measured = policy.metadata.measured
-    is_present = measured.get("world_version") == WORLD_VERSION and "first_reward_mean" in measured
+    is_present = measured.get("world_version") == SIMULATION_VERSION and "first_reward_mean" in measured
     return is_present and measured["episodes"] >= episodes
 
 
@@ -51,7 +51,7 @@ def measure(environment: str, name: str, people: str, episodes: int) -> dict[str
     (found,), (first,) = (evaluate_all([environment], name, people, n, SEED) for n in (episodes, FIRST))
     return {
         **chosen(found, MEASURES),
-        "world_version": WORLD_VERSION,
+        "world_version": SIMULATION_VERSION,
         "first_reward_mean": first.reward_mean,
     }
 

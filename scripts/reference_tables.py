@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from avrgym.learning.evaluation import Evaluation, wilson_interval
-from avrgym.people.zoo.commanding import COMMANDING_SETS
-from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOO_PARTNER_SETS
+from avrgym.people.zoo.commanding import COMMANDING_PARTNER_SETS
+from avrgym.people.zoo.partners import SINGLE_STYLE_PARTNER_SETS, ZOO_PARTNER_SETS
 from avrgym.people.zoo.styles import (
     COMMAND_SOURCES,
-    COMMANDING,
     COMMANDING_STYLE,
+    COMMANDING_STYLE_NAME,
     PARAMETER_SOURCES,
     STYLES,
     BehaviourStyle,
@@ -191,8 +191,8 @@ def training_settings() -> Lines:
     return iter([*settings_table(), ""])
 
 
-ALL_STYLES = {**STYLES, COMMANDING: COMMANDING_STYLE}
-_STYLE_SETS = {**SINGLE_STYLE_SETS, **COMMANDING_SETS}
+ALL_STYLES = {**STYLES, COMMANDING_STYLE_NAME: COMMANDING_STYLE}
+_STYLE_SETS = {**SINGLE_STYLE_PARTNER_SETS, **COMMANDING_PARTNER_SETS}
 
 
 def zoo_styles() -> Lines:
@@ -216,14 +216,16 @@ def zoo_partners() -> Lines:
         for name, style in ALL_STYLES.items()
     ]
     total = " + ".join(str(len(partners)) for partners in ZOO_PARTNER_SETS.values())
-    all_but = f"all but `{COMMANDING}`"
+    all_but = f"all but `{COMMANDING_STYLE_NAME}`"
     return table(
         ("style", *AXES, "partners, train + unseen + extreme"), [*rows, (all_but, "", "", "", total)]
     )
 
 
 def _ranges(style: BehaviourStyle, axis: str) -> str:
-    return ", ".join(f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, f"{axis}_ranges").items())
+    return ", ".join(
+        f"{trait} {first:g}–{last:g}" for trait, (first, last) in getattr(style, f"{axis}_ranges").items()
+    )
 
 
 def _counts(name: str) -> str:

@@ -18,7 +18,7 @@ from avrgym.geometry import transforms
 from avrgym.geometry.rotation_matrices import from_euler_xyz, from_quaternion, to_euler_xyz
 from avrgym.models.human import PROPORTIONS, SEATED, SEXES, Person
 from avrgym.vr.protocol.webxr import Pose
-from avrgym.vr.tracking.body import hips_frame, torso_angles
+from avrgym.vr.tracking.body import hips_frame, solve_torso_angles
 
 POSES = 3000
 HEIGHTS_M = (0.44, 0.70)
@@ -52,7 +52,7 @@ def subtracted(person: Person, head: Pose) -> FloatArray:
 WAYS: Mapping[str, Callable[[Person, Pose], FloatArray]] = {
     "the paper's equations": literally,
     "with the reference's subtraction": subtracted,
-    "ours": torso_angles,
+    "ours": solve_torso_angles,
 }
 
 

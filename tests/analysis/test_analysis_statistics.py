@@ -9,13 +9,13 @@ from scipy import stats
 from avrgym.analysis.answers.session_answers import (
     AFTER,
     BEFORE,
-    CHANGE,
+    CHANGE_LABEL,
     compare_before_after,
     values_at_moment,
 )
 from avrgym.analysis.statistics.comparisons import MEAN_DECIMALS
 from avrgym.analysis.statistics.tests import (
-    MAX_EXACT_SIGNED_RANK,
+    MAX_EXACT_SIGNED_RANK_N,
     clustered_wilson_interval,
     energy_test,
     holm_correction,
@@ -138,7 +138,7 @@ def test_exact_signed_ranks_with_ties_and_zeros_equal_scipy(n: int, rng: np.rand
 
 
 def test_signed_ranks_equal_scipy_without_ties_and_in_large_samples(rng: np.random.Generator) -> None:
-    for n in (8, 30, MAX_EXACT_SIGNED_RANK):
+    for n in (8, 30, MAX_EXACT_SIGNED_RANK_N):
         values = rng.normal(0.2, 1.0, n)
         found, expected = signed_rank_test(values), scipy_stats.wilcoxon(values, method="exact")
         assert (found.statistic, found.p) == pytest.approx((expected.statistic, expected.pvalue), abs=1e-12)
@@ -206,7 +206,7 @@ def test_changes_of_equal_size_have_equal_ranks_whatever_a_scale_counts_in(rng: 
             for moment, each in steps.items()
         }
         found = compare_before_after("total", given).result
-        return found.p, found.zero_differences, values_at_moment(CHANGE, "total", given)
+        return found.p, found.zero_differences, values_at_moment(CHANGE_LABEL, "total", given)
 
     p, zeros, values = change(1.0)
     assert change(3.74) == (p, zeros, pytest.approx([3.74 * value for value in values], abs=1e-12))

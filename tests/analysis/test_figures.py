@@ -28,7 +28,7 @@ from avrgym.analysis.biomechanics.figures import head_position_figure, torso_hei
 from avrgym.analysis.biomechanics.training_people import sample_training_people
 from avrgym.analysis.flow import ParticipantFlow, flow_chart
 from avrgym.analysis.outcomes.figures import reward_figure, success_figure
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import ObjectiveOutcomeRow
 from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.reading.rows import AnswerRow, TrialRow
 from avrgym.questionnaires.questionnaire import QUESTION_MOMENTS, Item, Questionnaire
@@ -129,8 +129,8 @@ def answer_drawings(design: Design) -> Iterator[ReportFigure]:
     yield from mean_answer_figures(design, True, answer_summary_rows(design, answers), tests)
 
 
-def outcome(task: str, robot: str, policy: str) -> ObjectiveRow:
-    return ObjectiveRow(
+def outcome(task: str, robot: str, policy: str) -> ObjectiveOutcomeRow:
+    return ObjectiveOutcomeRow(
         simulated=True, task=task, robot=robot, policy=policy, trials=PEOPLE, reward_mean=50.0, reward_low=-20.5,
         reward_high=120.0, successes=7, success_rate=0.875, success_low=0.5, success_high=0.98,
         simulation_population="revised", simulation_episodes=100, simulation_reward_mean=-90.0,

@@ -16,7 +16,7 @@ from avrgym.analysis.models.effects import TrialValue
 from avrgym.analysis.power.power import (
     PowerRow,
     count_significant_studies,
-    default_participant_numbers,
+    default_sample_sizes,
     ordered_trial_values,
     power_rows,
     primary_p_values,
@@ -183,7 +183,7 @@ def test_the_least_number_is_the_one_from_which_on_power_suffices() -> None:
         20,
         None,
     ]
-    assert default_participant_numbers(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
+    assert default_sample_sizes(DESIGN) == (4, 8, 12, 16, 20, 24, 32, 40, 48, 64)
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from avrgym.analysis.output import write_analysis
 from avrgym.analysis.page.comparisons import sample_size_text
 from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.publication.checklist import checklist_fields
-from avrgym.analysis.publication.methods import main_flow, methods_sections
+from avrgym.analysis.publication.methods import flow_for_publication, methods_sections
 from avrgym.analysis.publication.tables import latex_table, publication_tables
 from avrgym.analysis.reading.rows import DataProblemRow
 from avrgym.analysis.report import write_report
@@ -140,7 +140,7 @@ def test_the_methods_say_what_is_known_and_what_is_missing(analysis: StudyAnalys
 def test_what_is_given_is_no_longer_missing(analysis: StudyAnalysis) -> None:
     given = msgspec.structs.replace(analysis.design.reporting, ethics_approval="Board 7, H19212")
     told = replace(analysis, design=msgspec.structs.replace(analysis.design, reporting=given))
-    flow = main_flow(told)
+    flow = flow_for_publication(told)
     assert flow is not None
     assert "Ethics approval: Board 7, H19212" in methods_sections(told, flow)["Participants"]
     (ethics,) = (each for each in checklist_fields(told, flow) if each.field == "Ethics approval")
@@ -299,7 +299,7 @@ def test_who_completed_a_study_without_data_that_count_is_not_analysed() -> None
 
 
 def test_inclusion_questions_are_listed_with_the_answer_that_let_people_in(analysis: StudyAnalysis) -> None:
-    flow = main_flow(analysis)
+    flow = flow_for_publication(analysis)
     assert flow is not None
     (asked,) = (each for each in checklist_fields(analysis, flow) if each.field == "Inclusion criteria")
     assert "with glasses if you need them? Yes." in asked.value
@@ -362,7 +362,7 @@ def test_the_methods_name_the_furniture_and_withdrawals_of_the_tasks(
     analysis: StudyAnalysis, tasks: tuple[str, ...], said: str, not_said: str
 ) -> None:
     design = msgspec.structs.replace(analysis.design, tasks=tasks)
-    told, flow = replace(analysis, design=design, session_designs=[]), main_flow(analysis)
+    told, flow = replace(analysis, design=design, session_designs=[]), flow_for_publication(analysis)
     assert flow is not None
     words = " ".join(methods_sections(told, flow)["Apparatus"])
     assert said in words

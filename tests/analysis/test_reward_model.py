@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.reward_model import RatedTrial, compare, fit_reward, fit_task, fit_weights, write_models
+from avrgym.analysis.reward_model import (
+    RatedTrial,
+    compare,
+    fit_reward,
+    fit_reward_model,
+    fit_reward_weights,
+    write_reward_models,
+)
 from avrgym.cli.main import app
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
@@ -34,7 +41,7 @@ def trials(participants: int, each: int, noise: float, seed: int = 0) -> list[Ra
 
 
 def test_weights_and_accuracy_follow_the_ratings() -> None:
-    model = fit_task("FeedingJaco", trials(12, 6, noise=0.2), simulated=True)
+    model = fit_reward_model("FeedingJaco", trials(12, 6, noise=0.2), simulated=True)
     assert model is not None
     assert model.accuracy > 0.9
     assert abs(model.accuracy_of_reward - 0.5) < 0.1
@@ -46,7 +53,7 @@ def test_weights_and_accuracy_follow_the_ratings() -> None:
 def test_random_ratings_are_predicted_by_chance_only() -> None:
     accuracies = []
     for seed in range(20):
-        model = fit_task("FeedingJaco", trials(8, 4, noise=1000.0, seed=seed), simulated=True)
+        model = fit_reward_model("FeedingJaco", trials(8, 4, noise=1000.0, seed=seed), simulated=True)
         assert model is not None
         accuracies.append(model.accuracy)
     assert abs(np.mean(accuracies) - 0.5) < 0.06
@@ -64,7 +71,7 @@ def test_weights_are_the_maximum_of_the_penalised_likelihood() -> None:
     def loss(weights: np.ndarray) -> float:
         return float(np.logaddexp(0.0, -differences @ weights).sum() + 0.5 * weights @ weights)
 
-    weights = fit_weights(differences)
+    weights = fit_reward_weights(differences)
     for change in np.random.default_rng(2).normal(0.0, 0.01, (20, 3)):
         assert loss(weights) < loss(weights + change)
 
@@ -77,7 +84,7 @@ def test_a_study_without_comparisons_is_refused(tmp_path: Path) -> None:
         fit_reward(store)
     (tmp_path / "reward.json").write_text("")
     with pytest.raises(FileExistsError, match="already exists"):
-        write_models([], tmp_path / "reward.json")
+        write_reward_models([], tmp_path / "reward.json")
 
 
 @pytest.mark.slow

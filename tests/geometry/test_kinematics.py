@@ -232,12 +232,12 @@ def test_a_row_has_the_same_bits_alone_and_among_others(rng, arm):
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 def test_rows_that_wait_for_others_have_the_same_bits_alone(rng, arm, precision):
     """More rows than a block; some do not converge."""
-    count = kinematics.BLOCK_ROWS + 500
+    count = kinematics.ROWS_PER_BLOCK + 500
     pos, q = kinematics.forward_kinematics(arm, within_ranges(rng, arm, count))
     pos[::7] += 1.0
     start = np.tile(seed_pose(), (count, 1))
     together = kinematics.inverse_kinematics(arm, pos, q, start, iterations=12, precision=precision)
-    for rows in (slice(0, 1), slice(40, 49), slice(kinematics.BLOCK_ROWS - 9, None), slice(3, None, 97)):
+    for rows in (slice(0, 1), slice(40, 49), slice(kinematics.ROWS_PER_BLOCK - 9, None), slice(3, None, 97)):
         alone = kinematics.inverse_kinematics(
             arm, pos[rows], q[rows], start[rows], iterations=12, precision=precision
         )

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from avrgym.hosting.capacity import INITIAL_CPU_SHARE, Capacity, IdleCores
-from avrgym.hosting.headset_codes import CODE_VALID_S, MAX_WRONG_CODES_PER_MINUTE, HeadsetCodes
+from avrgym.hosting.capacity import INITIAL_CPU_SHARE, Capacity, IdleCoreMonitor
+from avrgym.hosting.headset_codes import CODE_VALIDITY_S, MAX_WRONG_CODES_PER_MINUTE, HeadsetCodes
 from avrgym.hosting.rate_limits import RateLimits, client_address
 from avrgym.hosting.settings import HostSettings, read_host_settings
 from avrgym.hosting.waiting_list import PRESENCE_TIMEOUT_S, WaitingList, estimate_wait_s
@@ -52,7 +52,7 @@ def test_no_session_is_admitted_while_ticks_are_given_up(missed_per_s: int, admi
 def test_no_session_is_admitted_while_other_programs_use_the_processors(tmp_path: Path) -> None:
     """Two of four cores are idle, then none."""
     clock, statistics = Clock(), tmp_path / "stat"
-    idle_cores = IdleCores(statistics, clock)
+    idle_cores = IdleCoreMonitor(statistics, clock)
 
     def measure(busy: int, idle: int) -> float | None:
         cores = "".join(f"cpu{core} 0 0 0 0 0 0 0 0 0 0\n" for core in range(4))
@@ -111,7 +111,7 @@ def test_codes_are_valid_once_and_for_minutes() -> None:
     with pytest.raises(CodeError):
         codes.exchange(second)
     third = codes.new("token")
-    clock.now_s = CODE_VALID_S
+    clock.now_s = CODE_VALIDITY_S
     with pytest.raises(CodeError):
         codes.exchange(third)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from avrgym.hosting import participant_app, session_pool
-from avrgym.hosting.data_requests import RequestedDeletions
+from avrgym.hosting.data_requests import DeletionThread
 from avrgym.hosting.host import Host
 from avrgym.study.storage.sessions import open_session
 from avrgym.study.storage.store import Store, change_state
@@ -70,7 +70,7 @@ def test_data_are_deleted_on_request_while_no_session_runs(served: Served) -> No
     assert pseudonym in view["copies_requested"]
     assert served.post("deletion", token).status_code == 204
     assert served.stage(token)["ending"] == "withdrawn"
-    RequestedDeletions(store, served.host.pool).poll()
+    DeletionThread(store, served.host.pool).poll()
     assert [each.number for each in store.deleted_participants()] == [int(pseudonym.removeprefix("sub-"))]
     wait_until(
         lambda: served.request("GET", "/api/stage", token).status_code == 401, "the token becomes invalid"

@@ -202,7 +202,7 @@ def test_session_continues_while_thousands_of_idle_connections_come(
     """Connections that send nothing, or half a request, are closed. The session's connection is not, also after the
     time at which unused connections are closed."""
     session, own = running
-    monkeypatch.setattr(connection_limits, "IDLE_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(connection_limits, "IDLE_CONNECTION_TIMEOUT_S", 1.0)
     with served.connect(session.id, session.link) as opened, ExitStack() as many:
         assert isinstance(first(opened), Welcome)
         for number in range(2000):

@@ -9,15 +9,15 @@ import pytest
 from typer.testing import CliRunner
 
 from avrgym.cli import app
-from avrgym.hosting.addresses import check_address
+from avrgym.hosting.addresses import parse_public_address
 from avrgym.study.people.deletion import delete_participant
 from avrgym.study.people.invitations import (
     InvitationError,
-    ServiceIds,
-    check_invitation,
+    RecruitmentServiceIds,
     close_invitation,
     create_invitations,
-    enrol_invited,
+    enrol_with_invitation,
+    find_valid_invitation,
     list_invitations,
     personal_tokens,
 )
@@ -36,17 +36,17 @@ def store(tmp_path: Path) -> Iterator[Store]:
 
 def reason(store: Store, token: str) -> str:
     with pytest.raises(InvitationError) as raised:
-        check_invitation(store, token)
+        find_valid_invitation(store, token)
     return raised.value.reason
 
 
 def test_single_use_link_admits_one_participant(store: Store) -> None:
     (invitation,) = create_invitations(store, ["row-1"], days=1)
-    pseudonym, own = enrol_invited(store, invitation.token, "woman", age_years=40)
+    pseudonym, own = enrol_with_invitation(store, invitation.token, "woman", age_years=40)
     assert personal_tokens(store) == {token_sha256(own): pseudonym} == {token_sha256(own): "sub-001"}
     assert reason(store, invitation.token) == "full"
     with pytest.raises(InvitationError, match="has been used"):
-        enrol_invited(store, invitation.token, "man")
+        enrol_with_invitation(store, invitation.token, "man")
     assert [each.pseudonym for each in store.participants()] == ["sub-001"]
     assert store.database.find_faults() == []
 
@@ -56,7 +56,7 @@ def test_places_are_not_exceeded_by_concurrent_enrolments(store: Store) -> None:
 
     def take(_: int) -> str:
         try:
-            return enrol_invited(store, invitation.token, "man")[0]
+            return enrol_with_invitation(store, invitation.token, "man")[0]
         except InvitationError as error:
             return error.reason
 
@@ -83,11 +83,11 @@ def test_expired_closed_and_unknown_invitations_are_rejected(store: Store) -> No
 
 def test_id_of_a_recruitment_service_is_encrypted_and_takes_part_once(store: Store) -> None:
     (invitation,) = create_invitations(store, [""], days=1, places=5)
-    service = ServiceIds("5f0e1d2c3b4a", "study-7", "session-9")
-    pseudonym, _ = enrol_invited(store, invitation.token, "woman", service=service)
+    service = RecruitmentServiceIds("5f0e1d2c3b4a", "study-7", "session-9")
+    pseudonym, _ = enrol_with_invitation(store, invitation.token, "woman", service=service)
     assert identity_file.read_identities(store.folder)[pseudonym].contact == service.participant
     with pytest.raises(InvitationError) as raised:
-        enrol_invited(store, invitation.token, "woman", service=service)
+        enrol_with_invitation(store, invitation.token, "woman", service=service)
     assert raised.value.reason == "duplicate"
     assert list_invitations(store)[0].used == 1
     stored = b"".join(path.read_bytes() for path in store.folder.rglob("*") if path.is_file())
@@ -97,7 +97,7 @@ def test_id_of_a_recruitment_service_is_encrypted_and_takes_part_once(store: Sto
 
 def test_new_token_replaces_the_earlier_one(store: Store) -> None:
     (invitation,) = create_invitations(store, [""], days=1)
-    pseudonym, first = enrol_invited(store, invitation.token, "woman")
+    pseudonym, first = enrol_with_invitation(store, invitation.token, "woman")
     command = ["study", "invitations", str(store.folder), "--address", "https://study.example", "--new-link"]
     printed = CliRunner().invoke(app, [*command, pseudonym]).stdout.split()
     second = printed[0].removeprefix("https://study.example/#participant=")
@@ -138,7 +138,7 @@ def test_links_are_written_to_a_new_file(store: Store, tmp_path: Path) -> None:
     for row in rows:
         origin, _, token = row["link"].partition("/#invitation=")
         assert origin == "https://study.example"
-        assert check_invitation(store, token).label == row["label"]
+        assert find_valid_invitation(store, token).label == row["label"]
     again = CliRunner().invoke(app, invite)
     assert again.exit_code == 1
     assert "file exists" in again.stderr
@@ -153,5 +153,5 @@ def test_links_are_written_to_a_new_file(store: Store, tmp_path: Path) -> None:
 )
 def test_other_addresses_are_rejected(address: str) -> None:
     with pytest.raises(ValueError, match=r"is not a public address|has no TLS"):
-        check_address(address)
-    assert check_address("http://localhost:8000/") == "http://localhost:8000"
+        parse_public_address(address)
+    assert parse_public_address("http://localhost:8000/") == "http://localhost:8000"

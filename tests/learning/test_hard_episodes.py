@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from avrgym.learning.hard_episodes import FAILURE_FORCE_N, MAX_STORED_EPISODES, HardEpisodes
+from avrgym.learning.hard_episodes import FAILURE_FORCE_N, MAX_STORED_EPISODES, HardEpisodeSampler
 
 WORLDS = 8
 
 
-def run(hard: HardEpisodes, steps: int, good) -> list[int]:
+def run(hard: HardEpisodeSampler, steps: int, good) -> list[int]:
     """Choose episodes, and update with no force; those in ``good`` succeed. Returns the seeds."""
     seeds = hard.choose_seeds(steps)
     hard.store_failures([good(seed) for seed in seeds], [0.0] * len(seeds))
@@ -23,14 +23,14 @@ def never(seed: int) -> bool:
 
 
 def test_without_failures_every_episode_is_new():
-    hard = HardEpisodes(WORLDS, 0.5, 0)
+    hard = HardEpisodeSampler(WORLDS, 0.5, 0)
     seeds = [seed for update in range(20) for seed in run(hard, update, always)]
     assert len(set(seeds)) == 20 * WORLDS
     assert hard.stored == []
 
 
 def test_failed_episodes_are_repeated_until_they_succeed():
-    hard = HardEpisodes(WORLDS, 0.5, 0)
+    hard = HardEpisodeSampler(WORLDS, 0.5, 0)
     bad = run(hard, 0, never)
     assert hard.stored == bad
     came: list[int] = []
@@ -43,14 +43,14 @@ def test_failed_episodes_are_repeated_until_they_succeed():
 
 
 def test_an_episode_with_large_forces_counts_as_failed():
-    hard = HardEpisodes(2, 0.5, 0)
+    hard = HardEpisodeSampler(2, 0.5, 0)
     seeds = hard.choose_seeds(0)
     hard.store_failures([True, True], [FAILURE_FORCE_N, FAILURE_FORCE_N + 0.1])
     assert hard.stored == seeds[1:]
 
 
 def test_repeated_and_stored_episodes_are_limited():
-    hard = HardEpisodes(WORLDS, 0.25, 0)
+    hard = HardEpisodeSampler(WORLDS, 0.25, 0)
     for update in range(100):
         seeds = run(hard, update, never)
         assert hard.repeated == (2 if update else 0)
@@ -62,9 +62,9 @@ def test_repeated_and_stored_episodes_are_limited():
 
 def test_choices_follow_from_seed_and_steps():
     first, second, other = (
-        HardEpisodes(WORLDS, 0.5, 1),
-        HardEpisodes(WORLDS, 0.5, 1),
-        HardEpisodes(WORLDS, 0.5, 2),
+        HardEpisodeSampler(WORLDS, 0.5, 1),
+        HardEpisodeSampler(WORLDS, 0.5, 1),
+        HardEpisodeSampler(WORLDS, 0.5, 2),
     )
     for hard in (first, second):
         run(hard, 0, never)

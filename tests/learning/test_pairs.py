@@ -28,7 +28,7 @@ from avrgym.people.populations import find_populations
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.human_view import human_observer_of
+from avrgym.tasks.human_view import make_human_observer
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS, observation_and_action_size
 from helpers.learning.random_networks import random_network, save_network
 
@@ -94,7 +94,7 @@ def assert_same_weights(first: Path, second: Path) -> None:
 @pytest.mark.slow
 def test_a_pair_writes_two_networks_with_matching_metadata(trained):
     robot, human = (Policy.load(trained / f"{name}.safetensors") for name in ("policy", "human"))
-    view, joints = human_observer_of(SCRATCHING)
+    view, joints = make_human_observer(SCRATCHING)
     assert (human.observation_size, human.action_size) == (view.size, joints)
     assert (robot.observation_size, robot.action_size) == observation_and_action_size(SCRATCHING)
     assert robot.metadata.human is None

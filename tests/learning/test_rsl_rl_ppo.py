@@ -82,7 +82,7 @@ def test_rollouts_on_the_device_equal_those_on_threads() -> None:
                 WorldSettings(
                     SCRATCHING, TransferredFile.read("revised"), "none", 1, engine, episode_steps=STEPS
                 ),
-                first_world=0,
+                first_world_index=0,
                 episode_seeds=np.arange(50, 50 + WORLDS),
                 noise_seed=(3, 400),
                 force_weight_per_n=0.1,

@@ -11,10 +11,10 @@ from avrgym.learning.normaliser import observation_of
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
 from avrgym.learning.tool_loss import (
     ACTION_ERROR_WEIGHT,
-    HALF_WEIGHT_MOTION,
+    HALF_WEIGHT_TOOL_MOTION,
     ROTATION_UNIT_RAD,
     TRANSLATION_UNIT_M,
-    ToolMotion,
+    ToolMotionModel,
     tool_motion_loss,
 )
 from avrgym.models.scene import CONTROL_STEP_S
@@ -36,7 +36,9 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
     joint_positions = scene.arm.seed_pose + random.uniform(-0.5, 0.5, (40, 3, joints))
     actions = random.uniform(-0.01, 0.01, (40, 3, joints))
     predicted = (
-        ToolMotion(scene).scaled_action_jacobian(joint_positions.astype(np.float32)).numpy()[..., :joints]
+        ToolMotionModel(scene)
+        .scaled_action_jacobian(joint_positions.astype(np.float32))
+        .numpy()[..., :joints]
         @ actions[..., None]
     )
     step = actions * scene.arm.speed_limit * CONTROL_STEP_S
@@ -52,7 +54,7 @@ def test_tool_motion_predicts_the_motion_of_actions(environment):
 
 def test_the_loss_weights_errors_by_the_motion_of_the_tool():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotionModel(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
     joints = len(scene.arm.joints)
     wanted = torch.zeros(joints)
     assert tool_motion_loss(wanted, wanted, motion) == 0.0
@@ -66,11 +68,11 @@ def test_the_loss_weights_errors_by_the_motion_of_the_tool():
 
 def test_the_loss_of_an_error_falls_with_the_demonstrated_motion():
     _, scene = task_and_scene(ENVIRONMENT)
-    motion = ToolMotion(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
+    motion = ToolMotionModel(scene).scaled_action_jacobian(np.asarray(scene.arm.seed_pose, np.float32))
     wanted = torch.linspace(-0.5, 0.5, len(scene.arm.joints))
     wrong = torch.full_like(wanted, 0.01)
     length = float((motion @ wanted).square().sum().sqrt())
-    meant = [times * HALF_WEIGHT_MOTION / length * wanted for times in (0.0, 1.0, 10.0)]
+    meant = [times * HALF_WEIGHT_TOOL_MOTION / length * wanted for times in (0.0, 1.0, 10.0)]
     at_rest, slow, fast = (float(tool_motion_loss(each + wrong, each, motion)) for each in meant)
     assert_allclose([slow / at_rest, fast / at_rest], [1 / 2, 1 / 101], rtol=1e-4)
 

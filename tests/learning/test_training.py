@@ -439,7 +439,7 @@ def requests_of(split: tuple[int, ...], how: dict) -> list[RolloutRequest]:
     return [
         RolloutRequest(
             settings=place,
-            first_world=int(end - size),
+            first_world_index=int(end - size),
             episode_seeds=np.arange(50, 55)[end - size : end],
             noise_seed=how.get("noise_seed"),
             expert_controlled=how["expert_drives"][end - size : end] if "expert_drives" in how else None,

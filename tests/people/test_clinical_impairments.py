@@ -44,7 +44,7 @@ def executed(impairment: str, seconds: float = 6.0, step_s: float = STEP_S) -> n
 
 @pytest.mark.parametrize("name", [*SEVERITIES, *GRADED])
 def test_each_severity_has_a_name(name):
-    assert impairments.find_impairment(name) == name
+    assert impairments.parse_impairment(name) == name
 
 
 @pytest.mark.parametrize(
@@ -52,7 +52,7 @@ def test_each_severity_has_a_name(name):
 )
 def test_unknown_severities_list_the_allowed_ones(name):
     with pytest.raises(ValueError, match=r"allowed: none, .*spasticity.*mild, moderate, severe.*C6, C5, C4"):
-        impairments.find_impairment(name)
+        impairments.parse_impairment(name)
 
 
 @pytest.mark.parametrize("name", SEVERITIES)

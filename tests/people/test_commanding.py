@@ -8,9 +8,9 @@ from numpy.testing import assert_array_equal
 
 from avrgym.commands.preferences import SPEED_FACTOR_STEP
 from avrgym.people.population_names import ALLOWED_PEOPLE, TRAIN_ZOO, UNSEEN_ZOO
-from avrgym.people.zoo.commanding import COMMANDING_SETS, PartnerCommands
+from avrgym.people.zoo.commanding import COMMANDING_PARTNER_SETS, PartnerCommands
 from avrgym.people.zoo.partners import PARTNERS, ZOO_PARTNER_SETS
-from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING
+from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING_STYLE_NAME
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, policy_path
 from avrgym.safety.pacing import WAITING
@@ -20,10 +20,12 @@ ENVIRONMENT, STEP_S = "avrgym/FeedingJaco-v1", 0.1
 
 
 def test_only_populations_of_their_name_contain_them() -> None:
-    assert COMMANDING in ALLOWED_PEOPLE
-    assert COMMANDING not in {partner.style for partner in PARTNERS}
-    assert not set(COMMANDING_SETS) & set(ZOO_PARTNER_SETS)
-    trained, unseen = (COMMANDING_SETS[f"{zoo}/{COMMANDING}"].commands for zoo in (TRAIN_ZOO, UNSEEN_ZOO))
+    assert COMMANDING_STYLE_NAME in ALLOWED_PEOPLE
+    assert COMMANDING_STYLE_NAME not in {partner.style for partner in PARTNERS}
+    assert not set(COMMANDING_PARTNER_SETS) & set(ZOO_PARTNER_SETS)
+    trained, unseen = (
+        COMMANDING_PARTNER_SETS[f"{zoo}/{COMMANDING_STYLE_NAME}"].commands for zoo in (TRAIN_ZOO, UNSEEN_ZOO)
+    )
     for name in COMMAND_SOURCES:
         assert not set(getattr(trained, name)) & set(getattr(unseen, name))
 
@@ -31,10 +33,10 @@ def test_only_populations_of_their_name_contain_them() -> None:
 def test_commands_follow_the_parameters() -> None:
     """Ready comes after the delay, the speed becomes comfortable, and the rate of waits is that of each partner."""
     worlds, rng = 40, np.random.default_rng(0)
-    people = PartnerCommands(COMMANDING_SETS[f"{TRAIN_ZOO}/{COMMANDING}"], worlds)
+    people = PartnerCommands(COMMANDING_PARTNER_SETS[f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}"], worlds)
     uniforms = rng.random((worlds, 3))
     people.reset(np.arange(worlds), uniforms)
-    own = COMMANDING_SETS[f"{TRAIN_ZOO}/{COMMANDING}"]
+    own = COMMANDING_PARTNER_SETS[f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}"]
     parameters = own.commands.of(own.draw_rows(uniforms[:, :2]))
     speed, waits, before = np.ones(worlds), np.zeros(worlds), people.snapshot()
     for _ in range(600):
@@ -55,7 +57,7 @@ def test_commands_follow_the_parameters() -> None:
 
 
 def test_the_robot_waits_for_them_and_a_copy_continues_bit_identically() -> None:
-    episodes = Episodes(ENVIRONMENT, 2, people=f"{TRAIN_ZOO}/{COMMANDING}", num_threads=1)
+    episodes = Episodes(ENVIRONMENT, 2, people=f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}", num_threads=1)
     generators = [np.random.default_rng(seed) for seed in range(2)]
     episodes.reset(np.arange(2), generators)
     policy = Policy.load(policy_path("revised", ENVIRONMENT))
@@ -77,4 +79,4 @@ def test_the_robot_waits_for_them_and_a_copy_continues_bit_identically() -> None
 
 def test_they_need_an_engine_with_the_pacing_layer() -> None:
     with pytest.raises(ValueError, match="people that give commands are not possible with engine 'warp'"):
-        Episodes(ENVIRONMENT, 1, people=f"{TRAIN_ZOO}/{COMMANDING}", engine="warp")
+        Episodes(ENVIRONMENT, 1, people=f"{TRAIN_ZOO}/{COMMANDING_STYLE_NAME}", engine="warp")

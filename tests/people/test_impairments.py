@@ -21,7 +21,7 @@ def group(rng) -> People:
 
 def impaired(group: People, name: str, rng: np.random.Generator) -> People:
     uniforms = rng.random((COUNT, impairments.NUM_UNIFORMS))
-    return impairments.apply_impairment(group, impairments.find_impairment(name), uniforms)
+    return impairments.apply_impairment(group, impairments.parse_impairment(name), uniforms)
 
 
 def reset_episodes(impairment: str, people: str = "original") -> Episodes:

@@ -95,7 +95,7 @@ def test_a_person_does_not_depend_on_other_worlds(rng, name):
 
 
 @pytest.mark.parametrize(
-    "task", [task for task in TASKS.values() if task.pose.has_random_arm], ids=lambda t: t.name
+    "task", [task for task in TASKS.values() if task.pose.has_random_arm_pose], ids=lambda t: t.name
 )
 def test_random_arms_have_clearance_and_possible_shoulders(rng, name, task):
     scene = task.scene(JACO)

@@ -169,7 +169,7 @@ def test_a_controller_without_answer_is_replaced(tmp_path: Path, workers: Thread
 def test_a_controller_without_answer_does_not_block_simulated_time(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(drivers, "SIMULATED_RESPONSE_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(drivers, "SIMULATED_CONTROLLER_TIMEOUT_S", 0.2)
     plan = driven_by("Hangs", seeds=(3, 4))
     recordings = completed(Visit(tmp_path, plan, load_policies(plan)))
     assert len(recordings) == 2

@@ -6,7 +6,7 @@ import pytest
 
 from avrgym.learning.evaluation import evaluate
 from avrgym.policies.trained import Policy, packaged_policies
-from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.system.paths import ROOT
 
@@ -22,7 +22,7 @@ def test_the_first_episodes_return(environment: str, kind: str) -> None:
     """The same bits where the C library rounds as where they were measured, and nearly the same elsewhere."""
     metadata = Policy.load(packaged_policies(environment)[kind]).metadata
     measured = metadata.measured
-    assert measured["world_version"] == WORLD_VERSION
+    assert measured["world_version"] == SIMULATION_VERSION
     assert "test" in measured.values() or "showing" in measured.values()
     found = evaluate(environment, kind, metadata.people, MEASURING["FIRST"], MEASURING["SEED"])
     assert found.reward_mean == pytest.approx(measured["first_reward_mean"], rel=1e-3)

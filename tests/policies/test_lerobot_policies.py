@@ -13,7 +13,7 @@ from avrgym.learning.evaluation import evaluate
 from avrgym.models.cameras import CameraSpec
 from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.lerobot import LeRobotController, PolicyProcess, state_features
-from avrgym.policies.registry import resolve_policy, used_controller
+from avrgym.policies.registry import resolve_policy, used_controller_plugin
 from avrgym.policies.trained import PolicyError
 from avrgym.replay.verification import verify
 from avrgym.tasks.registry import ENVIRONMENTS, task_and_scene
@@ -136,9 +136,9 @@ def test_a_policy_names_its_cameras_and_the_hash_of_its_files(tmp_path: Path) ->
     )
     policy = found(name)
     assert policy.cameras == (CameraSpec("wrist", 80, 64),)
-    assert policy.plugin == used_controller(name)
+    assert policy.plugin == used_controller_plugin(name)
     (tmp_path / "model.safetensors").write_bytes(b"others")
-    assert policy.plugin != used_controller(name)
+    assert policy.plugin != used_controller_plugin(name)
 
 
 # With LeRobot

@@ -11,7 +11,7 @@ from avrgym.policies.cartesian_control import (
     HAND_SPEED_LIMIT_M_S,
     CartesianController,
 )
-from avrgym.policies.tool_servo import MAX_LEAD_M, ToolServo
+from avrgym.policies.tool_servo import MAX_TOOL_LEAD_M, ToolServo
 from avrgym.simulation.worlds import Simulation
 from avrgym.tasks.episodes import Episodes
 
@@ -95,4 +95,4 @@ def test_a_fast_controller_meets_the_speed_limits_and_its_excess_is_lost(environ
     assert np.linalg.norm(reached[0]) <= HAND_SPEED_LIMIT_M_S + 1e-9
     assert np.linalg.norm(reached[1]) <= HAND_ANGULAR_SPEED_LIMIT_RAD_S + 1e-9
     arm.follow(100)
-    assert np.linalg.norm(arm.tool[:3] - before[:3]) < MAX_LEAD_M + 0.01
+    assert np.linalg.norm(arm.tool[:3] - before[:3]) < MAX_TOOL_LEAD_M + 0.01

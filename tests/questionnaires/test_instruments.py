@@ -5,7 +5,7 @@ from itertools import combinations
 import pytest
 
 from avrgym.questionnaires.instrument import Instrument, Scale, check_weights
-from avrgym.questionnaires.nasa_tlx import FACTORS
+from avrgym.questionnaires.nasa_tlx import WORKLOAD_FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 
 SCALES = [(each, scale) for each in INSTRUMENTS.values() for scale in each.scales]
@@ -152,7 +152,7 @@ def test_raw_workload_is_the_mean_and_weighted_workload_divides_by_fifteen() -> 
     scores = NASA_TLX.compute_scores(given, WEIGHTS)
     assert scores["raw"] == pytest.approx(215 / 6)
     assert scores["weighted"] == pytest.approx((90 + 0 + 300 + 40 + 90 + 120) / 15)
-    assert {factor: scores[factor] for factor in FACTORS} == ratings
+    assert {factor: scores[factor] for factor in WORKLOAD_FACTORS} == ratings
     assert NASA_TLX.compute_scores(given)["weighted"] is None
 
 
@@ -163,14 +163,14 @@ def test_equal_ratings_give_themselves_whatever_the_weights() -> None:
 
 def test_weights_count_how_often_a_factor_was_chosen_and_always_add_up() -> None:
     weights = INSTRUMENTS["nasa-tlx-weights"]
-    pairs = list(combinations(FACTORS, 2))
+    pairs = list(combinations(WORKLOAD_FACTORS, 2))
     assert [item.id for item in weights.items] == [f"tlx_{a}_or_{b}" for a, b in pairs]
     assert NASA_TLX.weighting is not None
     for seed in range(20):
         given = {item.id: 1 + (seed * 7 + place * place) % 2 for place, item in enumerate(weights.items)}
         chosen = [pair[value - 1] for pair, value in zip(pairs, given.values(), strict=True)]
         scores = weights.compute_scores(given)
-        assert scores == {factor: chosen.count(factor) for factor in FACTORS}
+        assert scores == {factor: chosen.count(factor) for factor in WORKLOAD_FACTORS}
         check_weights(NASA_TLX.weighting, {name: round(value or 0) for name, value in scores.items()})
 
 

@@ -10,8 +10,8 @@ from avrgym.commands.input_names import INPUT_METHODS, STOP_INPUTS
 from avrgym.models.body_names import ARMS
 from avrgym.recording.input_profile import (
     ALLOWED_STOP_INPUTS,
-    DURATION_RANGES_S,
     POINTING_ARMS,
+    SELECTION_TIME_RANGES_S,
     InputProfile,
     InputProfileError,
     profile_from_table,
@@ -49,9 +49,9 @@ def test_a_method_needs_one_of_its_arms() -> None:
     assert [part for part in ("head", "left", "right") if one.needs_tracking(part)] == ["head", "right"]
 
 
-@pytest.mark.parametrize("name", DURATION_RANGES_S)
+@pytest.mark.parametrize("name", SELECTION_TIME_RANGES_S)
 def test_durations_are_within_their_ranges(name: str) -> None:
-    low, high = DURATION_RANGES_S[name]
+    low, high = SELECTION_TIME_RANGES_S[name]
     for value in (low, high):
         assert getattr(profile_from_table({name: value}), name) == value
     for value in (0.99 * low, 1.01 * high, float("nan")):

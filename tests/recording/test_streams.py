@@ -127,7 +127,7 @@ def test_a_clock_that_is_wrong_from_the_beginning_is_corrected_by_arrivals() -> 
 def test_jitter_that_steps_back_is_raised_and_no_reset() -> None:
     times_s = np.array([0.00, 0.01, 0.03, 0.02, 0.04])
     found = correct_sample_times(chunked(times_s, times_s, 5), 100.0)
-    assert (found.resets, found.num_raised) == ((), 1)
+    assert (found.resets, found.num_corrected_samples) == ((), 1)
     assert found.time_s.tolist() == [0.00, 0.01, 0.03, 0.03, 0.04]
 
 

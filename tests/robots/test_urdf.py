@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Arm, Robot, compile_model, fix_joints, robot_spec, tuned_arm
+from avrgym.models.robot import Arm, Robot, compile_robot_model, fix_joints, robot_spec, tuned_arm
 from avrgym.models.urdf import Urdf
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.validation import check_robot
@@ -90,12 +90,12 @@ def test_a_robot_whose_gripper_mimics_can_be_used() -> None:
     robot = robot_of(text, arm_of(text))
     check_robot(robot)
     for grip in robot.grips.values():
-        assert compile_model(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
+        assert compile_robot_model(robot_spec(robot, robot.arms["right"], grip, appearance=True)).njnt == 6
 
 
 def test_a_joint_that_mimics_a_moving_one_follows_it() -> None:
     text = description(mimics="joint_2")
-    model = compile_model(robot_spec(robot_of(text, arm_of(text)), arm_of(text), appearance=False))
+    model = compile_robot_model(robot_spec(robot_of(text, arm_of(text)), arm_of(text), appearance=False))
     data = mujoco.MjData(model)
     data.ctrl[model.actuator("joint_2").id] = 0.2
     mujoco.mj_step(model, data, 500)

@@ -25,7 +25,7 @@ from avrgym.safety.pacing import (
     PACING_MODES,
     PacingLayer,
 )
-from avrgym.safety.retreat import TOOL_SPEED_M_S
+from avrgym.safety.retreat import RETREAT_TOOL_SPEED_M_S
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
 
@@ -100,7 +100,7 @@ def test_no_controller_moves_faster_than_scaled(policy: str) -> None:
                 scaled = np.clip(factor[world] * np.clip(actions[world], -1, 1), -1, 1)
                 assert_array_equal(step.executed_action[world], scaled)
             elif since[world] >= SETTLING_STEPS:
-                limit = TOOL_SPEED_M_S + 0.02 if name == "backing_off" else 0.01
+                limit = RETREAT_TOOL_SPEED_M_S + 0.02 if name == "backing_off" else 0.01
                 assert step.tool_speed_m_s[world] < limit, name
 
 

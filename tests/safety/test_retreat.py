@@ -7,7 +7,7 @@ import pytest
 
 from avrgym.models.scene import CONTROL_STEP_S, DEFAULT_SUBSTEPS
 from avrgym.policies.trained import load_policy, packaged_policies
-from avrgym.safety.retreat import MAX_DURATION_S, Retreat
+from avrgym.safety.retreat import MAX_RETREAT_DURATION_S, Retreat
 from avrgym.simulation.worlds import State
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS
@@ -61,7 +61,7 @@ def test_a_tool_leaves_slowly_and_presses_nobody(environment: str, seed: int) ->
     carries = "ArmManipulation" in environment
     before = episodes.simulation.state()
     states = list(retreated(episodes))
-    assert len(states) <= round(MAX_DURATION_S / CONTROL_STEP_S) * DEFAULT_SUBSTEPS
+    assert len(states) <= round(MAX_RETREAT_DURATION_S / CONTROL_STEP_S) * DEFAULT_SUBSTEPS
     for state in states:
         assert state.total_force_n[0] <= before.total_force_n[0] + (CARRIED_N if carries else RELEASED_N)
         if np.linalg.norm(state.tool_pos_w - state.head_pos_w) < 0.3:

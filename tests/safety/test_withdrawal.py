@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from avrgym.array_types import BoolArray
 from avrgym.policies import registry
 from avrgym.policies.trained import packaged_policies
-from avrgym.safety.retreat import TOOL_SPEED_M_S
+from avrgym.safety.retreat import RETREAT_TOOL_SPEED_M_S
 from avrgym.safety.withdrawal import FINAL_MOUTH_DISTANCE_M, SETTLING_TIME_S
 from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.episodes import Episodes
@@ -76,7 +76,7 @@ def assert_withdraws(environment: str, policy: str) -> None:
     slowed[BRAKED_STEPS:] = driven[:-BRAKED_STEPS]
     for step, withdrawing, steady in zip(found.steps, found.driven, slowed, strict=True):
         assert (step.reward[withdrawing] == 0.0).all()
-        assert (step.tool_speed_m_s[steady] < TOOL_SPEED_M_S + 0.02).all()
+        assert (step.tool_speed_m_s[steady] < RETREAT_TOOL_SPEED_M_S + 0.02).all()
     last = found.steps[-1]
     assert (last.force_on_person_n[over] == 0.0).all()
     assert (last.distance_m[over] > FINAL_MOUTH_DISTANCE_M - 0.02).all()

@@ -175,7 +175,7 @@ def test_the_cheapest_path_among_the_best_candidates_is_chosen(problem):
         return np.abs(yaw_rad)
 
     chosen = problem.search_base_pose(path_cost=cost)
-    assert seen["yaw"].shape == (WORLDS, base_search.NUM_PATH_COSTS)
+    assert seen["yaw"].shape == (WORLDS, base_search.NUM_PATH_COST_CANDIDATES)
     assert_array_equal(seen["yaw"][:, 0], plain.base_poses.yaw_rad)
     assert_array_equal(np.abs(chosen.base_poses.yaw_rad), np.abs(seen["yaw"]).min(axis=-1))
     assert chosen.start_reached.all()

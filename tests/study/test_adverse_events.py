@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from avrgym.analysis.adverse_events import describe_adverse_events
 from avrgym.analysis.study import analyse_study
 from avrgym.cli import app
-from avrgym.study.export import EXPORT_FORMATS, FORMATS_WITH_RECORDS, export_study
+from avrgym.study.export import EXPORT_FORMATS, FORMATS_WITH_EVENTS, export_study
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.records import ExportOptions
 from avrgym.study.people.adverse_events import (
@@ -166,7 +166,7 @@ def told(store: Store) -> Store:
     return store
 
 
-@pytest.mark.parametrize("data_format", FORMATS_WITH_RECORDS)
+@pytest.mark.parametrize("data_format", FORMATS_WITH_EVENTS)
 def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data_format: str) -> None:
     folder, suffix = ("", ".csv") if data_format == "csv" else ("sourcedata", ".tsv")
     export_study(told, data_format, tmp_path / "without")
@@ -187,7 +187,7 @@ def test_free_text_is_exported_only_on_request(told: Store, tmp_path: Path, data
         assert (SECRET in second["action"], SECRET in first["recorded_by"]) == (secret, secret)
 
 
-@pytest.mark.parametrize("data_format", sorted(set(EXPORT_FORMATS) - set(FORMATS_WITH_RECORDS)))
+@pytest.mark.parametrize("data_format", sorted(set(EXPORT_FORMATS) - set(FORMATS_WITH_EVENTS)))
 def test_formats_without_free_text_reject_the_option(store: Store, tmp_path: Path, data_format: str) -> None:
     with pytest.raises(StudyError, match="cannot contain free text and health data; allowed: csv, bids"):
         export_study(store, data_format, tmp_path / "out", extras=ExportOptions(free_text=True))

@@ -21,7 +21,7 @@ from avrgym.analysis.study import analyse_study
 from avrgym.cli.main import app
 from avrgym.study.checking.checks import check_study
 from avrgym.study.dashboard.application import dashboard_app
-from avrgym.study.dashboard.request_log import LiveLog
+from avrgym.study.dashboard.request_log import LivePageLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.export import export_study
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
@@ -44,7 +44,7 @@ from avrgym.study.storage.audit_log import (
     COMPUTER_ACCOUNT,
     IDENTIFICATION_METHODS,
     PERSONAL_TOKEN,
-    REJECTED_COMMAND,
+    REJECTED_COMMAND_DETAIL,
     SHARED_TOKEN,
     AuditActor,
     add_log_entry,
@@ -87,7 +87,7 @@ def served(
     monkeypatch.setattr(experimenters, "TOKEN_REFRESH_INTERVAL_S", 0.05)
     token = add_experimenter(store, "ada")
     with StorageThread() as storing, ExperimenterTokens(store) as known:
-        log = LiveLog(store, storing, pytest.fail)
+        log = LivePageLog(store, storing, pytest.fail)
         with LiveServer(
             lambda send: Session(plan(), constant_policies(plan()), tmp_path / "free", send, "test"),
             "127.0.0.1",
@@ -156,7 +156,7 @@ def test_dashboard_actions_and_views_are_logged_by_person(
     assert told(store.audit_log()) == [
         ("ada", PERSONAL_TOKEN, "enrol", 1, ""),
         ("ada", PERSONAL_TOKEN, "add note", 1, ""),
-        ("ada", PERSONAL_TOKEN, "begin session", 1, REJECTED_COMMAND),
+        ("ada", PERSONAL_TOKEN, "begin session", 1, REJECTED_COMMAND_DETAIL),
         ("ada", PERSONAL_TOKEN, "view dashboard", None, ""),
         ("ada", PERSONAL_TOKEN, "view participant", 1, ""),
         ("unnamed", SHARED_TOKEN, "view dashboard", None, ""),
@@ -448,5 +448,5 @@ def test_rejected_enrolment_is_logged(store: Store, served: tuple[LiveServer[Ses
     assert [ask(server, token, "/participants", new).status_code for _ in range(2)] == [200, 409]
     assert told(store.audit_log()) == [
         ("ada", PERSONAL_TOKEN, "enrol", 1, ""),
-        ("ada", PERSONAL_TOKEN, "enrol", None, REJECTED_COMMAND),
+        ("ada", PERSONAL_TOKEN, "enrol", None, REJECTED_COMMAND_DETAIL),
     ]

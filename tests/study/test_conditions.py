@@ -98,7 +98,7 @@ def test_a_change_by_the_participant_is_stored_for_later_sessions(tmp_path: Path
         pseudonym = enrol_included(store)
         with StudyVisit(store, pseudonym) as visit:
             plan = visit.plan_trials()
-            first = next(each for each in plan.trials if each.own_preferences)
+            first = next(each for each in plan.trials if each.allow_preference_changes)
             plan = replace(plan, trials=[first])
             attended = Visit(tmp_path, plan, make=lambda send: visit.create_session(plan, send))
             attended.calibrate()
@@ -111,7 +111,9 @@ def test_a_change_by_the_participant_is_stored_for_later_sessions(tmp_path: Path
         changed = Preferences(speed=0.5, distance_m=0.2, side="right", bite_timing="after_swallowing")
         assert preferences_of(store, pseudonym) == changed
         assert "preferences changed" in [event.name for event in store.events()]
-        rules = [each.rules for each in plan_session(store, pseudonym).trials if each.own_preferences]
+        rules = [
+            each.rules for each in plan_session(store, pseudonym).trials if each.allow_preference_changes
+        ]
         assert {each and each.preferences for each in rules} == {changed}
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from avrgym.study.design.allocation import (
     PlannedTrial,
-    cell_fill_order,
-    least_filled_cell,
+    least_used_order_index,
+    order_indices_for_site,
     plan_trials,
     practice_robots,
     trial_orders,
@@ -177,7 +177,7 @@ def test_dropout_keeps_completed_cells_balanced(cells, stations):
     active: list[int] = []
     while len(completed) < target:
         if len(active) < stations and len(completed) + len(active) < target:
-            active.append(least_filled_cell(range(cells), completed + active))
+            active.append(least_used_order_index(range(cells), completed + active))
             continue
         cell = active.pop(int(rng.integers(len(active))))
         if rng.random() < 0.3:
@@ -200,13 +200,13 @@ def test_dropout_keeps_completed_cells_balanced(cells, stations):
 def test_each_site_and_all_sites_are_balanced(sites):
     """With a shared database, the cells of a site differ by at most one participant at any time."""
     rng = np.random.default_rng(sites)
-    orders = {f"site-{site}": cell_fill_order(PAPER, f"site-{site}") for site in range(sites)}
+    orders = {f"site-{site}": order_indices_for_site(PAPER, f"site-{site}") for site in range(sites)}
     cells = len(orders["site-0"])
     taken: dict[str, list[int]] = {site: [] for site in orders}
     for _ in range(20 * cells):
         site = str(rng.choice(list(orders)))
         elsewhere = [cell for other in orders if other != site for cell in taken[other]]
-        taken[site].append(least_filled_cell(orders[site], taken[site], elsewhere))
+        taken[site].append(least_used_order_index(orders[site], taken[site], elsewhere))
         for own in taken.values():
             counts = [own.count(cell) for cell in range(cells)]
             assert max(counts) - min(counts) <= 1
@@ -218,12 +218,12 @@ def test_each_site_and_all_sites_are_balanced(sites):
 
 @pytest.mark.slow
 def test_sites_begin_with_different_cells():
-    firsts = Counter(cell_fill_order(PAPER, f"site-{number}")[0] for number in range(400))
+    firsts = Counter(order_indices_for_site(PAPER, f"site-{number}")[0] for number in range(400))
     assert all(60 < firsts[cell] < 140 for cell in range(4))
 
 
 def test_orders_without_a_site_are_unchanged():
-    assert cell_fill_order(PAPER, None) == list(range(4))
+    assert order_indices_for_site(PAPER, None) == list(range(4))
     assert plan_trials(PAPER, 1, 3, None) == plan_trials(PAPER, 1, 3, "") == plan_trials(PAPER, 1, 3)
 
 

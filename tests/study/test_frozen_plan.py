@@ -126,7 +126,7 @@ def test_plan_after_a_rebuild_is_not_confirmatory(folder: Path) -> None:
     assert frozen_plan(folder).is_confirmatory
     lose_database(folder)
     frozen = frozen_plan(folder)
-    assert (frozen.is_confirmatory, frozen.known_time_text) == (False, "an unknown time")
+    assert (frozen.is_confirmatory, frozen.existed_since_text) == (False, "an unknown time")
     assert "was rebuilt at" in frozen.origin_text
     for command in ("freeze", "check"):
         assert "was rebuilt" in study(command, folder).output.replace("\n", " ")
@@ -145,7 +145,7 @@ def test_plan_is_adopted_only_before_the_first_participant(folder: Path, tmp_pat
     frozen = frozen_plan(early)
     assert frozen.is_confirmatory
     assert frozen.record is not None
-    assert frozen.known_time_text > frozen.record.frozen_at
+    assert frozen.existed_since_text > frozen.record.frozen_at
     assert "was stored in the database" in frozen.origin_text
     with Store(late) as store:
         run_participant(store, enrol_with_consent(store), trials=1)

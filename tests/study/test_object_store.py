@@ -16,7 +16,7 @@ from avrgym.analysis.study import analyse_study
 from avrgym.cli.replay import replay
 from avrgym.recording.answers_file import answers_path, append_answer, read_answers
 from avrgym.recording.schema import Answer
-from avrgym.study.checking.checks import check_object_store, check_participants, check_stray_files
+from avrgym.study.checking.checks import check_object_store, check_orphaned_files, check_participants
 from avrgym.study.export import export_study
 from avrgym.study.export.participant_archive import write_participant_archive
 from avrgym.study.merge.merging import merge_studies
@@ -68,7 +68,7 @@ def _files(store: Store) -> dict[str, bytes]:
 
 
 def _errors(store: Store) -> list[str]:
-    checks = (check_object_store, check_participants, check_stray_files)
+    checks = (check_object_store, check_participants, check_orphaned_files)
     return [str(each) for check in checks for each in check(store) if each.is_error]
 
 

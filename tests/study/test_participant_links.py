@@ -29,7 +29,7 @@ from avrgym.vr.protocol.messages import Hello, Language, Message, Problem, Welco
 from avrgym.vr.server import session_links as links_module
 from avrgym.vr.server.live_server import LiveServer
 from avrgym.vr.server.session_links import (
-    CODE_VALID_S,
+    CODE_VALIDITY_S,
     MAX_WRONG_CODES,
     WRONG_CODE_WINDOW_S,
     CodeError,
@@ -258,12 +258,12 @@ def test_code_is_valid_once_and_for_minutes(monkeypatch: pytest.MonkeyPatch) -> 
         links.exchange_code(code)
     later = links.current_code()
     assert later is not None
-    clock.now_s += CODE_VALID_S - 1.0
+    clock.now_s += CODE_VALIDITY_S - 1.0
     assert links.current_code() != later
     assert links.exchange_code(later) == "first"
     old = links.current_code()
     assert old is not None
-    clock.now_s += CODE_VALID_S + 1.0
+    clock.now_s += CODE_VALIDITY_S + 1.0
     with pytest.raises(CodeError):
         links.exchange_code(old)
     last = links.current_code()

@@ -25,10 +25,10 @@ from avrgym.study.checking.repeat_checks import (
 )
 from avrgym.study.checking.repeats import (
     EXPERIMENTER,
-    NOT_LOGGED,
     PARTICIPANT,
     TECHNICAL,
     UNKNOWN,
+    UNKNOWN_EXPERIMENTER,
     AttemptedTrial,
     ReplacedAttempt,
     attempted_trials,
@@ -245,7 +245,7 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
     "stop": (by_command("stop"), EXPERIMENTER, "stopped", "ada"),
     "pause": (by_command("pause"), EXPERIMENTER, "paused", "ada"),
     "measure again": (by_command("recalibrate"), EXPERIMENTER, "measured again", "ada"),
-    "not logged": (tell(Command(name="repeat")), EXPERIMENTER, "repeated", NOT_LOGGED),
+    "not logged": (tell(Command(name="repeat")), EXPERIMENTER, "repeated", UNKNOWN_EXPERIMENTER),
     "participant's stop": (tell(messages.Stop()), PARTICIPANT, "stopped", ""),
     "left VR": (tell(messages.Left()), PARTICIPANT, "left VR", ""),
     "network": (tell(ParticipantDisconnected()), TECHNICAL, "network", ""),
@@ -255,7 +255,7 @@ ENDINGS: dict[str, tuple[Callable[[Store, Visit], None], str, str, str]] = {
         tell(messages.CorrectTorsoHeight(0.55)),
         EXPERIMENTER,
         "torso height corrected",
-        NOT_LOGGED,
+        UNKNOWN_EXPERIMENTER,
     ),
 }
 

@@ -70,8 +70,8 @@ def files(folder: Path) -> set[Path]:
     ],
 )
 def test_periods_begin_at_the_end_of_the_study(ended_on: str, months: int, due_on: date) -> None:
-    assert Retention(ended_on, identities_months=months).due_dates == {"identities": due_on}
-    assert Retention(identities_months=months).due_dates == {}
+    assert Retention(ended_on, identities_months=months).deletion_dates == {"identities": due_on}
+    assert Retention(identities_months=months).deletion_dates == {}
 
 
 @pytest.mark.fast_cases(2)

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from avrgym.analysis.study import analyse_study
-from avrgym.questionnaires.nasa_tlx import FACTOR_PAIRS, FACTORS
+from avrgym.questionnaires.nasa_tlx import FACTOR_PAIRS, WORKLOAD_FACTORS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.recording.schema import Answer
 from avrgym.study.checking.summary import summarise_results
@@ -219,7 +219,7 @@ def test_workload_is_scored_with_weights(out: Path) -> None:
                 sum(weight * value for weight, value in zip((5, 4, 3, 2, 1, 0), ratings, strict=True)) / 15
             )
             assert own.loc["weighted", "score"] == pytest.approx(weighted)
-            assert list(own.loc[list(FACTORS), "score"]) == ratings
+            assert list(own.loc[list(WORKLOAD_FACTORS), "score"]) == ratings
 
 
 @pytest.mark.slow

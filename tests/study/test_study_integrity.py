@@ -216,7 +216,7 @@ def test_earlier_edit_is_found_after_a_session(on_sqlite: Path) -> None:
     with Store(on_sqlite) as store:
         enrol_participant(store, "man")
     assert [finding.where for finding in wrong(on_sqlite)] == ["study.db"]
-    (on_sqlite / integrity_files.MISMATCH_FILE).unlink()
+    (on_sqlite / integrity_files.CHECKSUM_MISMATCH_FILE).unlink()
     assert wrong(on_sqlite) == []
 
 

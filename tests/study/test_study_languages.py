@@ -150,7 +150,7 @@ def test_dashboard_shows_consent_in_the_language_of_the_participant(
         assert seen.inclusion["epilepsy"] == "Hatten Sie schon einmal Epilepsie?"
         whole = study_overview(store, None, store.design.furniture)
         assert (whole.languages, whole.warnings) == ({"en": "English", "de": "Deutsch"}, ())
-        monkeypatch.setattr(views, "MIN_FREE_BYTES", 1 << 60)
+        monkeypatch.setattr(views, "MIN_FREE_DISK_BYTES", 1 << 60)
         (warning,) = study_overview(store, None, store.design.furniture).warnings
         assert "GB left" in warning
 

@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from avrgym.cli.main import app
 from avrgym.study.checking import rebuilding
-from avrgym.study.checking.checks import check_stray_files
+from avrgym.study.checking.checks import check_orphaned_files
 from avrgym.study.checking.database_checks import check_database
 from avrgym.study.checking.participation_checks import check_participation
 from avrgym.study.checking.rebuilding import RebuildSummary, rebuild_study
@@ -90,7 +90,7 @@ def states(folder: Path) -> dict[str, str]:
 
 def wrong(folder: Path) -> dict[str, str]:
     with Store(folder) as store:
-        checks = (check_database, check_participation, check_stray_files)
+        checks = (check_database, check_participation, check_orphaned_files)
         return {each.where: each.message for check in checks for each in check(store) if each.is_error}
 
 
@@ -128,7 +128,7 @@ def test_final_states_survive_loss_of_the_database(folder: Path) -> None:
         before = {each.pseudonym: each for each in store.participants()}
     assert wrong(folder) == {}
     rebuilt = lose(folder)
-    assert (rebuilt.participant_count, rebuilt.unknown_state_count) == (6, 0)
+    assert (rebuilt.participant_count, rebuilt.unknown_participation_count) == (6, 0)
     assert states(folder) == STATES
     with Store(folder) as store:
         assert [each.number for each in store.deleted_participants()] == [3]
@@ -248,7 +248,7 @@ def test_participants_without_a_valid_list_need_confirmation(folder: Path, forge
     found = states(folder)
     assert {found[name] for name in ("sub-001", "sub-002", "sub-005")} == {"unknown"}
     assert set(found.values()) == {"unknown"}
-    assert rebuilt.unknown_state_count == len(found)
+    assert rebuilt.unknown_participation_count == len(found)
     assert {"sub-001", "sub-002"} <= set(wrong(folder))
     assert words in losses(folder)
     assert "sub-001" in losses(folder)

@@ -87,7 +87,7 @@ def test_lost_database_is_rebuilt_from_recordings(old: Path, tmp_path: Path) -> 
     rebuilt = rebuild_study(old)
     assert (
         rebuilt.participant_count,
-        rebuilt.unknown_state_count,
+        rebuilt.unknown_participation_count,
         rebuilt.attempt_count,
         rebuilt.answer_count,
     ) == (1, 1, 1, 4)

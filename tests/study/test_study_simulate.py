@@ -20,8 +20,8 @@ from avrgym.study.sessions import simulation
 from avrgym.study.sessions.simulation import (
     DryRunSettings,
     draw_participant_traits,
-    find_dry_run_settings,
     find_or_enrol_participant,
+    make_dry_run_settings,
     simulate_study,
 )
 from avrgym.study.sessions.visit import StudyVisit
@@ -156,7 +156,7 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
 
 
 def test_other_population_does_not_continue_earlier_participants(folder: Path) -> None:
-    zoo = find_dry_run_settings(SEED, "zoo/unseen", "tremor")
+    zoo = make_dry_run_settings(SEED, "zoo/unseen", "tremor")
     assert str(zoo) == f"simulated with seed {SEED}, motion 2, people zoo/unseen, impairment tremor"
     with Store(folder) as store:
         find_or_enrol_participant(store, 0, zoo)
@@ -174,7 +174,7 @@ def test_zoo_partners_take_part(tmp_path: Path) -> None:
     with Store(folder) as store:
         assert [finding for finding in check_study(store) if finding.is_error] == []
         (person,) = store.participants()
-        traits = draw_participant_traits(person, find_dry_run_settings(SEED, "zoo/unseen", "limits"))
+        traits = draw_participant_traits(person, make_dry_run_settings(SEED, "zoo/unseen", "limits"))
         assert traits.partner_parameters is not None
         zoo = [row for row, partner in enumerate(PARTNERS) if partner.zoo == "zoo/unseen"]
         assert (
@@ -263,7 +263,7 @@ def test_trained_human_takes_part_in_its_environment(tmp_path: Path) -> None:
         (person,) = store.participants()
         assert person.simulated
         traits = draw_participant_traits(
-            person, find_dry_run_settings(SEED, str(tmp_path / "humans"), "none")
+            person, make_dry_run_settings(SEED, str(tmp_path / "humans"), "none")
         )
         assert traits.trained_policy is not None
         assert traits.trained_policy.digest in {each.digest for each in humans}

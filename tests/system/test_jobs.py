@@ -14,7 +14,7 @@ from avrgym.learning.evaluation import evaluate, evaluate_all
 from avrgym.policies.trained import PolicyError
 from avrgym.study.sessions.simulation import simulate_study
 from avrgym.study.storage import database
-from avrgym.system.jobs import core_count, report_progress, starmap
+from avrgym.system.jobs import available_core_count, report_progress, starmap
 from avrgym.tasks.constants import EPISODE_STEPS
 from helpers.studies.small_studies import make_study
 from helpers.system.killed_processes import SEED, assert_same
@@ -49,7 +49,7 @@ def test_results_are_in_order_and_progress_is_reported() -> None:
     assert starmap(twice, [(number,) for number in range(5)], 2, told.append) == [0, 2, 4, 6, 8]
     assert told[-1] == 10
     assert starmap(twice, [], 2) == []
-    assert 1 <= core_count() <= (os.cpu_count() or 1)
+    assert 1 <= available_core_count() <= (os.cpu_count() or 1)
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from avrgym.people.population_names import IMPAIRMENTS, SEVERITIES
 from avrgym.people.zoo import partners
 from avrgym.robots.registry import find_robot
 from avrgym.simulation.state import State
-from avrgym.tasks.arm_manipulation.reward import RESTING_X_M
+from avrgym.tasks.arm_manipulation.reward import RESTING_FOREARM_X_M
 from avrgym.tasks.behaviour_model import BehaviourModel
 from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from helpers.simulation.tensors import as_tensors, assert_tensors_close, single_precision
@@ -94,7 +94,7 @@ def people_from(uniforms: Any, distribution: str, impairment: str, task: str) ->
     if population.partners is not None:
         who = partners.apply_partner_bodies(who, population.partners.sample(uniforms[:, of_people:of_mind]))
     return impairments.apply_impairment(
-        who, impairments.find_impairment(impairment), uniforms[:, of_mind:of_impairment]
+        who, impairments.parse_impairment(impairment), uniforms[:, of_mind:of_impairment]
     )
 
 
@@ -131,7 +131,7 @@ def situation(request: pytest.FixtureRequest) -> tuple[str, State, Any, Any]:
         spots = task.marks.places(state, kept)[:, rng.integers(task.marks.count, size=MAX_TOOL_CONTACTS)]
         state = replace(state, tool_contact_pos_w=spots + rng.uniform(-0.01, 0.01, spots.shape))
     if name == "ArmManipulation":
-        corner = [RESTING_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M]
+        corner = [RESTING_FOREARM_X_M - ARMREST_HALF_WIDTH_M, ARMREST_FRONT_Y_M, ARMREST_TOP_M]
         state = replace(state, right_arm_pos_w=state.right_arm_pos_w + (corner - CROWD_W))
     return request.param, state, rng.uniform(-1.0, 1.0, (WORLDS, len(scene.action_names))), kept
 

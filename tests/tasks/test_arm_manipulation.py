@@ -12,7 +12,7 @@ from avrgym.models.furniture.wheelchair import ARMREST_FRONT_Y_M, ARMREST_HALF_W
 from avrgym.simulation.worlds import RightArmPoses
 from avrgym.tasks.arm_manipulation import reward
 from avrgym.tasks.arm_manipulation.expert import scooper_q_w
-from avrgym.tasks.arm_manipulation.reward import RESTING_FOREARM_HEIGHT_M, RESTING_X_M, SUCCESS_STEPS
+from avrgym.tasks.arm_manipulation.reward import RESTING_FOREARM_HEIGHT_M, RESTING_FOREARM_X_M, SUCCESS_STEPS
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import TASKS
@@ -20,7 +20,7 @@ from avrgym.tasks.task import joint_strength_shares
 
 TASK = TASKS["ArmManipulation"]
 LENGTH_M = 0.28
-OUTER_EDGE_M = RESTING_X_M - ARMREST_HALF_WIDTH_M
+OUTER_EDGE_M = RESTING_FOREARM_X_M - ARMREST_HALF_WIDTH_M
 TOP_M = ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M
 
 
@@ -43,22 +43,22 @@ def reset_episodes(robot: str, count: int) -> Episodes:
 @pytest.mark.parametrize(
     ("elbow_w", "direction_w", "share"),
     [
-        ((RESTING_X_M, 0.1, TOP_M), (0.0, -1.0, 0.0), 1.0),
-        ((RESTING_X_M, ARMREST_FRONT_Y_M + 0.5 * LENGTH_M, TOP_M), (0.0, -1.0, 0.0), 0.5),
+        ((RESTING_FOREARM_X_M, 0.1, TOP_M), (0.0, -1.0, 0.0), 1.0),
+        ((RESTING_FOREARM_X_M, ARMREST_FRONT_Y_M + 0.5 * LENGTH_M, TOP_M), (0.0, -1.0, 0.0), 0.5),
         ((OUTER_EDGE_M - 0.01, 0.0, TOP_M), (0.0, -1.0, 0.0), 0.0),
         ((OUTER_EDGE_M - 0.3 * LENGTH_M, 0.0, TOP_M), (1.0, 0.0, 0.0), 0.7),
-        ((RESTING_X_M, 0.0, ARMREST_TOP_M - 0.01), (0.0, -1.0, 0.0), 0.0),
-        ((RESTING_X_M, 0.0, TOP_M), (0.0, 0.0, -1.0), 0.1),
+        ((RESTING_FOREARM_X_M, 0.0, ARMREST_TOP_M - 0.01), (0.0, -1.0, 0.0), 0.0),
+        ((RESTING_FOREARM_X_M, 0.0, TOP_M), (0.0, 0.0, -1.0), 0.1),
     ],
     ids=["on the armrest", "half in front", "outside", "across the edge", "below", "hanging"],
 )
 def test_the_part_of_the_forearm_above_the_armrest_counts(elbow_w, direction_w, share):
-    assert_allclose(reward.returned_share(arm(elbow_w, direction_w)), share, atol=1e-9)
+    assert_allclose(reward.forearm_share_above_armrest(arm(elbow_w, direction_w)), share, atol=1e-9)
 
 
 @pytest.mark.parametrize("direction_w", [(0.0, -1.0, 0.0), (-0.5, -0.7, -0.5), (0.0, 0.0, -1.0)])
 def test_the_scooper_faces_the_forearm_from_below(direction_w):
-    lying = arm((RESTING_X_M, 0.0, TOP_M), direction_w)
+    lying = arm((RESTING_FOREARM_X_M, 0.0, TOP_M), direction_w)
     up_w = reward.forearm_up_direction_w(lying)
     assert_allclose(up_w @ transforms.normalize(np.array(direction_w)), 0.0, atol=1e-9)
     assert up_w[0, 2] >= -1e-9
@@ -68,7 +68,7 @@ def test_the_scooper_faces_the_forearm_from_below(direction_w):
 
 def test_success_takes_one_second_and_remains():
     episodes = reset_episodes("Jaco", 1)
-    lifted, state = arm((RESTING_X_M, 0.1, TOP_M), (0.0, -1.0, 0.0)), episodes.state()
+    lifted, state = arm((RESTING_FOREARM_X_M, 0.1, TOP_M), (0.0, -1.0, 0.0)), episodes.state()
     fallen, resting = state, replace(state, **vars(lifted))
     task_state, succeeded = episodes.task_state, []
     for step in [resting] * (SUCCESS_STEPS - 1) + [fallen] + [resting] * SUCCESS_STEPS + [fallen]:

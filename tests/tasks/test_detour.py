@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.geometry import transforms
 from avrgym.simulation.worlds import State
-from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_M, limb_detour_m, tool_and_hand_detour_m
+from avrgym.tasks.scratch_itch.detour import TIP_TO_HAND_DISTANCE_M, limb_detour_m, tool_and_hand_detour_m
 from avrgym.tasks.scratch_itch.expert import ROD_DIRECTION
 from avrgym.tasks.scratch_itch.feedback_expert import hand_rotation_rad
 from avrgym.tasks.scratch_itch.reward import ScratchItchState
@@ -105,7 +105,7 @@ def test_the_hand_has_a_way_to_go_until_it_is_where_it_has_room(places, rng):
     out_w = transforms.rotate(LIMB_Q_W, itch * [1.0, 1.0, 0.0] / RADIUS_M)
     turn = hand_rotation_rad(transforms.rotate(tool_q_w, ROD_DIRECTION), out_w)
     hand_m = tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=tool_q_w)) - detour_m(tool, itch)
-    assert_allclose(hand_m, TIP_TO_HAND_M * np.linalg.norm(turn, axis=-1))
+    assert_allclose(hand_m, TIP_TO_HAND_DISTANCE_M * np.linalg.norm(turn, axis=-1))
     there_q_w = transforms.multiply(transforms.from_rotation_vector(turn), tool_q_w)
     assert_allclose(
         tool_and_hand_detour_m(*seen_with(tool, itch, tool_q_w=there_q_w)), detour_m(tool, itch), atol=1e-8

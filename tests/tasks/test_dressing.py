@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from avrgym.models import human
-from avrgym.models.sleeve import GOWN, RING_COUNT, VERTICES_PER_RING
+from avrgym.models.sleeve import RING_COUNT, SLEEVE_CLOTH, VERTICES_PER_RING
 from avrgym.robots.registry import ROBOTS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
@@ -19,7 +19,7 @@ from avrgym.tasks.dressing.reward import (
     arm_path,
     evaluate_step,
     init_state,
-    is_around,
+    is_rim_around_axis,
     locate_opening,
 )
 from avrgym.tasks.episodes import Episodes
@@ -55,9 +55,9 @@ def dressed_m(opening_w: np.ndarray) -> float:
 def test_a_rim_winds_around_what_goes_through_it(turn: int) -> None:
     inside, beside, along = np.zeros((1, 3)), np.array([[0.2, 0.0, 0.0]]), np.array([[0.0, 1.0, 0.0]])
     rim = RIM[None, ::turn]
-    assert is_around(rim, inside, along)[0]
-    assert not is_around(rim, beside, along)[0]
-    assert not is_around(rim, inside, np.array([[1.0, 0.0, 0.0]]))[0]
+    assert is_rim_around_axis(rim, inside, along)[0]
+    assert not is_rim_around_axis(rim, beside, along)[0]
+    assert not is_rim_around_axis(rim, inside, np.array([[1.0, 0.0, 0.0]]))[0]
 
 
 @pytest.mark.parametrize("share", [0.1, 0.35, 0.6, 0.95])
@@ -105,7 +105,7 @@ def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
     for _ in range(30):
         step = episodes.step(np.zeros((1, 7)))
     state, before = episodes.state(), start.cloth_pos_w[0, :VERTICES_PER_RING]
-    held = list(GOWN.attached_vertices)
+    held = list(SLEEVE_CLOTH.attached_vertices)
     assert_allclose(state.cloth_pos_w[0, held], before[held], atol=0.01)
     assert state.cloth_pos_w[0, :, 2].mean() < start.cloth_pos_w[0, :, 2].mean() - 0.02
     assert edges_m(state).max() < 1.15 * edges_m(start).max()
@@ -116,7 +116,7 @@ def test_a_held_sleeve_hangs_from_its_hoop_at_rest() -> None:
 
 
 def edges_m(state: State) -> np.ndarray:
-    corners = state.cloth_pos_w[0][GOWN.faces]
+    corners = state.cloth_pos_w[0][SLEEVE_CLOTH.faces]
     return np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
 
 
@@ -146,7 +146,7 @@ def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
     inside = np.clip(ahead, 0.0, path.length_m)
     foot = path.section_start_w + inside[..., None] * path.section_direction_w
     row, section = np.arange(len(rim)), np.linalg.norm(rim.mean(axis=1)[:, None] - foot, axis=-1).argmin(-1)
-    return is_around(rim, foot[row, section], path.section_direction_w[row, section])
+    return is_rim_around_axis(rim, foot[row, section], path.section_direction_w[row, section])
 
 
 def test_forces_of_the_cloth_are_those_of_all_less_those_of_the_robot() -> None:

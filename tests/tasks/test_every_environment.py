@@ -9,7 +9,7 @@ from avrgym.geometry import transforms
 from avrgym.models import human, robot
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.placement import furniture_edge_m
+from avrgym.tasks.placement import furniture_edge_x_m
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.worlds import assert_finite, jerky_actions
 
@@ -122,7 +122,7 @@ def test_a_mobile_robot_stands_clear_of_wheelchair_and_bed_and_faces_the_person(
     corners = np.array([[x, y, 0.0] for x in (-half, half) for y in (-half, half)])
     reach_w = pos_w[:, None] + transforms.rotate(q_w[:, None], corners)
     to_person = -np.sign(episodes.scene.mount.pos_w[0])
-    assert (to_person * reach_w[..., 0] <= furniture_edge_m(episodes.scene.posture) + 1e-9).all()
+    assert (to_person * reach_w[..., 0] <= furniture_edge_x_m(episodes.scene.posture) + 1e-9).all()
     forward_w = transforms.rotate(q_w, [1.0, 0.0, 0.0])
     assert (to_person * forward_w[:, 0] >= np.cos(np.radians(30.0)) - 1e-9).all()
     assert len(np.unique(pos_w.round(6), axis=0)) > 32

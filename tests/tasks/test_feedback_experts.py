@@ -139,15 +139,15 @@ def test_a_rod_that_has_turned_need_not_turn_again(in_front, askew_rad):
 def test_only_skin_that_faces_in_is_reached_from_in_front():
     out_w = directions(0)
     share = feedback_expert.front_approach_share(out_w)
-    inner = (out_w[:, 0] > feedback_expert.INWARD_RANGE[1]) & (
-        out_w[:, 2] > feedback_expert.NOT_DOWNWARD_RANGE[1]
+    inner = (out_w[:, 0] > feedback_expert.INWARD_NORMAL_RANGE[1]) & (
+        out_w[:, 2] > feedback_expert.NOT_DOWNWARD_NORMAL_RANGE[1]
     )
     assert inner.any()
     assert np.all(share[inner] == 1.0)
     assert np.all(
         share[
-            (out_w[:, 0] < feedback_expert.INWARD_RANGE[0])
-            | (out_w[:, 2] < feedback_expert.NOT_DOWNWARD_RANGE[0])
+            (out_w[:, 0] < feedback_expert.INWARD_NORMAL_RANGE[0])
+            | (out_w[:, 2] < feedback_expert.NOT_DOWNWARD_NORMAL_RANGE[0])
         ]
         == 0.0
     )

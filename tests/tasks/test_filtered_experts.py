@@ -4,7 +4,7 @@ from numpy.testing import assert_allclose
 
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
-from avrgym.tasks.experts.filtered import FILTERED_POSITIONS, FILTERED_ROTATIONS, filter_tremor
+from avrgym.tasks.experts.filtered import FILTERED_POSITION_FIELDS, FILTERED_ROTATION_FIELDS, filter_tremor
 
 
 class Recorder:
@@ -38,7 +38,7 @@ def watched(impairment: str, steps: int):
 def test_resting_people_are_observed_unchanged():
     seen, there = watched("none", 4)
     for saw, was in zip(seen, there, strict=True):
-        for name in (*FILTERED_POSITIONS, *FILTERED_ROTATIONS):
+        for name in (*FILTERED_POSITION_FIELDS, *FILTERED_ROTATION_FIELDS):
             assert_allclose(getattr(saw, name), getattr(was, name), atol=1e-12)
 
 

@@ -14,7 +14,7 @@ from avrgym.tasks.drinking.memory_expert import (
     SPILL_MARGIN_RAD,
     DrinkingMemoryExpert,
 )
-from avrgym.tasks.drinking.reward import in_cup
+from avrgym.tasks.drinking.reward import is_in_cup
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.feedback import FeedbackPlanner
 from avrgym.tasks.experts.filtered import filter_tremor
@@ -124,7 +124,7 @@ def test_a_turned_cup_comes_to_everybody(robot):
         _, cost_s = planner.find_joint_positions(pos_w[:, None], q_w[:, None])
         return np.isfinite(cost_s)
 
-    assert reached(memory_expert.LATERAL_OFFSET_M).all()
+    assert reached(memory_expert.DEFAULT_LATERAL_OFFSET_M).all()
     assert reached(0.0).all() == (robot == "PR2")
 
 
@@ -136,7 +136,7 @@ def test_a_face_turned_aside_from_the_start_is_not_waited_for(monkeypatch):
         DrinkingMemoryExpert, "_bring", lambda self, *seen: away.append(seen[2]) or bring(self, *seen)
     )
     controller = DrinkingMemoryExpert(episodes)
-    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.LOOK_AWAY_RAD).any()
+    assert (np.abs(memory_expert._turn_rad(episodes.state())) > memory_expert.LOOK_AWAY_ANGLE_RAD).any()
     for _ in range(10):
         episodes.step(controller(episodes.observe()))
     assert not np.any(away)
@@ -148,10 +148,10 @@ def test_water_leaves_a_cup_at_the_tilt_at_which_it_is_expected():
     episodes = reset_episodes("Jaco", "original", 4)
     controller, differences_rad = DrinkingMemoryExpert(episodes), []
     for _ in range(EPISODE_STEPS):
-        before = in_cup(episodes.state()).sum(axis=1)
+        before = is_in_cup(episodes.state()).sum(axis=1)
         episodes.step(controller(episodes.observe()))
         state = episodes.state()
-        left = (in_cup(state).sum(axis=1) < before) & (before > 5)
+        left = (is_in_cup(state).sum(axis=1) < before) & (before > 5)
         expected = memory_expert.POUR_TILT_RAD - memory_expert.TILT_PER_PARTICLE_RAD * before
         differences_rad.extend((expert.clipped_cup_tilt_rad(state.tool_q_w) - expected)[left])
     assert len(differences_rad) > 40

@@ -8,8 +8,8 @@ from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.safety.region_forces import RegionLoadRecorder
 from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.feeding.memory_expert import (
+    MAX_RESTING_MOUTH_SPEED_M_S,
     MAX_STANDOFF_M,
-    REST_SPEED_M_S,
     FeedingMemoryExpert,
     standoff_from_mouth_m,
 )
@@ -25,8 +25,8 @@ def test_the_standoff_grows_with_the_mouth_speed():
     speeds = np.linspace(0.0, 0.5, 101)
     off = standoff_from_mouth_m(speeds)
     assert (np.diff(off) >= 0.0).all()
-    assert not off[speeds <= REST_SPEED_M_S].any()
-    assert_array_equal(off[speeds >= 2.0 * REST_SPEED_M_S + 1e-9], MAX_STANDOFF_M)
+    assert not off[speeds <= MAX_RESTING_MOUTH_SPEED_M_S].any()
+    assert_array_equal(off[speeds >= 2.0 * MAX_RESTING_MOUTH_SPEED_M_S + 1e-9], MAX_STANDOFF_M)
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.experts.filtered import filter_tremor
 from avrgym.tasks.scratch_itch.expert import skin_directions_w
 from avrgym.tasks.scratch_itch.feedback_expert import front_approach_share
-from avrgym.tasks.scratch_itch.memory_expert import SWINGS, SwingToFront, make_memory_expert
+from avrgym.tasks.scratch_itch.memory_expert import SWING_BY_ROBOT, SwingToFrontExpert, make_memory_expert
 from avrgym.tasks.scratch_itch.reward import itch_limb_frame
 from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.itches import forearm_itch
@@ -25,25 +25,28 @@ def reset_episodes(robot: str, angle_rad: np.ndarray) -> Episodes:
     return episodes
 
 
-@pytest.mark.parametrize("robot", SWINGS)
+@pytest.mark.parametrize("robot", SWING_BY_ROBOT)
 @pytest.mark.fast_cases(1)
 def test_outer_skin_is_scratched_like_the_feedback_expert(robot):
     assert_matches_feedback_expert(make_memory_expert, reset_episodes(robot, OUTER_RAD), 40)
 
 
-@pytest.mark.parametrize("robot", SWINGS)
+@pytest.mark.parametrize("robot", SWING_BY_ROBOT)
 @pytest.mark.fast_cases(1)
 def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
     episodes = reset_episodes(robot, INNER_RAD)
     patient, reactive = make_memory_expert(episodes), episodes.task.feedback_expert(episodes)
-    assert isinstance(patient, SwingToFront)
+    assert isinstance(patient, SwingToFrontExpert)
     out_w, _ = skin_directions_w(
         episodes.task_state, itch_limb_frame(episodes.state(), episodes.task_state)[1]
     )
     assert np.all(
-        front_approach_share(out_w, SWINGS[robot].inward_range, SWINGS[robot].not_downward_range) == 1.0
+        front_approach_share(
+            out_w, SWING_BY_ROBOT[robot].inward_range, SWING_BY_ROBOT[robot].not_downward_range
+        )
+        == 1.0
     )
-    way_rad, swung = np.array(SWINGS[robot].joint_displacements), []
+    way_rad, swung = np.array(SWING_BY_ROBOT[robot].joint_displacements), []
     for _ in range(60):
         observation = episodes.observe()
         action = patient(observation)
@@ -59,7 +62,7 @@ def test_an_arm_swings_in_front_once_before_it_comes_to_the_inner_side(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", SWINGS)
+@pytest.mark.parametrize("robot", SWING_BY_ROBOT)
 def test_the_inner_side_of_the_forearm_is_scratched_by_an_arm_that_swung_in_front(robot):
     episodes = reset_episodes(robot, INNER_RAD)
     scratches = filter_tremor(make_memory_expert)(episodes)

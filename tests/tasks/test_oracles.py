@@ -99,7 +99,7 @@ def test_a_swing_arrives_at_its_angles_with_the_tool_level():
     episodes = reset_episodes()
     planner = MotionPlanner(episodes)
     target = planner.joint_positions + np.array([0.3, 0.1, -0.2, 0.2, 0.3, 0.2, 0.4])
-    target = planner.solve_joint_positions(planner.tool_pose(target)[0], planner.q_w, target)
+    target = planner.solve_inverse_kinematics(planner.tool_pose(target)[0], planner.q_w, target)
     for _ in range(40):
         episodes.step(
             planner.action_to_joint_positions(planner.step_in_joint_space(target, 0.3, np.radians(10.0)))

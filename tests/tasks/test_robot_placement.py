@@ -19,8 +19,8 @@ from avrgym.robots.jaco.robot import JACO
 from avrgym.study.checking.preflight import check_initial_states as check_study_starts
 from avrgym.study.people.participants import enrol_participant
 from avrgym.study.sessions.simulation import (
-    find_dry_run_settings,
     find_or_enrol_participant,
+    make_dry_run_settings,
     simulate_participant,
 )
 from avrgym.study.storage.states import StudyError
@@ -30,8 +30,8 @@ from avrgym.tasks.constants import environment_id
 from avrgym.tasks.placement_check import (
     MAX_MEAN_DRAWS,
     check_starts,
-    draws_by_body,
     is_collision_free,
+    start_draws_by_body,
 )
 from avrgym.tasks.registry import ENVIRONMENTS
 from helpers.simulation.placements import offset_mount
@@ -53,9 +53,9 @@ FEW_DRAWS = 5
 @pytest.fixture(autouse=True)
 def afresh():
     """Starts are drawn in each test."""
-    draws_by_body.cache_clear()
+    start_draws_by_body.cache_clear()
     yield
-    draws_by_body.cache_clear()
+    start_draws_by_body.cache_clear()
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def test_packaged_robots_pass_the_placement_check(environment: str) -> None:
         f"{environment}: {drawn.mean_draws:.2f} draws a start with random people, {drawn.max_draws} at most"
     )
     assert drawn.mean_draws <= 1.25
-    assert all(each.max_draws == 1 for _, each in draws_by_body(environment))
+    assert all(each.max_draws == 1 for _, each in start_draws_by_body(environment))
 
 
 @pytest.mark.slow
@@ -154,7 +154,7 @@ def test_a_task_whose_starts_cannot_be_drawn_is_wrong(folder: Path, monkeypatch:
     def broken(*_: object) -> None:
         raise KeyError("elbow")
 
-    monkeypatch.setattr("avrgym.study.checking.preflight.draws_by_body", broken)
+    monkeypatch.setattr("avrgym.study.checking.preflight.start_draws_by_body", broken)
     with Store(folder) as store:
         (found,) = check_study_starts(store)
     assert (found.is_error, found.message) == (True, "no initial state can be sampled: KeyError: 'elbow'")
@@ -168,7 +168,7 @@ def test_a_study_of_ours_has_room(folder: Path) -> None:
 def test_a_dry_run_without_room_names_environment_body_and_what_is_in_the_way(
     refused: None, folder: Path
 ) -> None:
-    cast = find_dry_run_settings(0, "participants", "none")
+    cast = make_dry_run_settings(0, "participants", "none")
     with Store(folder) as store:
         pseudonym = find_or_enrol_participant(store, 0, cast)
         assert enrol_participant(store, "woman") != pseudonym

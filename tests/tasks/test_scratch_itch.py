@@ -11,7 +11,7 @@ from avrgym.models import human
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.models.human import People, Person
 from avrgym.models.scene import robot_with_tool
-from avrgym.models.scratcher import SCRATCHER, TIP_BEYOND_FINGERS_M
+from avrgym.models.scratcher import FINGERTIPS_TO_TIP_DISTANCE_M, SCRATCHER
 from avrgym.people import distributions
 from avrgym.robots.jaco.robot import JACO
 from avrgym.robots.registry import ROBOTS
@@ -273,7 +273,7 @@ def test_the_tip_is_five_centimetres_past_the_fingers(name):
             vertices = corners_m(model, geom)
             points_w = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
             farthest = max(farthest, ((points_w - tool.xpos) @ tool.xmat.reshape(3, 3)[:, 0]).max())
-    assert -farthest == pytest.approx(TIP_BEYOND_FINGERS_M, abs=0.002)
+    assert -farthest == pytest.approx(FINGERTIPS_TO_TIP_DISTANCE_M, abs=0.002)
     assert SCRATCHER.particles is None
 
 

@@ -11,7 +11,7 @@ from avrgym.models.human import SKIN_TONES
 from avrgym.texts.interface_texts import (
     CHOOSE_NAME_PREFIX,
     ENGLISH_TEXTS,
-    PAGE_SUFFIX,
+    PAGE_KEY_SUFFIX,
     PROFILE_SELECT_INPUTS,
     SELECT_NAME_PREFIX,
     TEXTS_FOLDER,
@@ -62,8 +62,8 @@ def test_every_language_is_complete(language: str) -> None:
         alike = {key for key in english if found[key] == english[key]}
         assert language == "en" or alike <= ALIKE
     for key, text in texts.session.items():
-        if CONTROLLER.search(text) and not key.endswith(PAGE_SUFFIX) and not key.startswith(NAMES):
-            on_page = texts.session.get(key + PAGE_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text)
+        if CONTROLLER.search(text) and not key.endswith(PAGE_KEY_SUFFIX) and not key.startswith(NAMES):
+            on_page = texts.session.get(key + PAGE_KEY_SUFFIX, "" if key.startswith(IN_VR_ALONE) else text)
             assert not CONTROLLER.search(on_page), key
 
 
@@ -77,7 +77,7 @@ def test_texts_mention_only_the_participants_input(language: str) -> None:
     assert set(kinds) == INPUTS
     values = {name: "x" for name in ("trial", "goal", "seconds", "faults", "moved_cm", "most_cm")}
     for key, text in texts.session.items():
-        if "{select}" not in text.lower() or key.endswith(PAGE_SUFFIX):
+        if "{select}" not in text.lower() or key.endswith(PAGE_KEY_SUFFIX):
             assert key.startswith(NAMES) or not SELECTS.search(text), key
             continue
         said = ParticipantText("more_faults", {"faults": ParticipantText(key, values), "more": "1"})

@@ -36,7 +36,7 @@ from avrgym.vr.protocol.messages import (
 )
 from avrgym.vr.server import certificate as certificate_module
 from avrgym.vr.server.authentication import Tokens
-from avrgym.vr.server.certificate import Certificate, lan_names, load_or_create_certificate
+from avrgym.vr.server.certificate import Certificate, lan_host_names, load_or_create_certificate
 from avrgym.vr.server.live_server import LiveServer, create_app
 from avrgym.vr.server.web_server import ServerError
 from avrgym.vr.session.session import Session
@@ -317,7 +317,7 @@ def test_a_certificate_is_reused_until_it_is_invalid(tmp_path: Path, monkeypatch
 
 
 def test_the_names_are_this_machines() -> None:
-    names = lan_names()
+    names = lan_host_names()
     assert names[-1] == f"{names[-2]}.local"
     assert "127.0.0.1" not in names
 

@@ -26,7 +26,7 @@ from avrgym.vr.tracking.body import (
     BodySolver,
     hips_frame,
     resting_head_centre,
-    torso_angles,
+    solve_torso_angles,
 )
 
 MIRROR = np.array([-1.0 if name.endswith(("_y", "_z")) else 1.0 for name in JOINTS])
@@ -95,7 +95,9 @@ def working_poses(rng: np.random.Generator, count: int) -> list[np.ndarray]:
 def test_upright_gives_zero(sex: human.Sex, height_m: float) -> None:
     person = Person(sex, height_m)
     for posture in POSTURES:
-        np.testing.assert_allclose(torso_angles(person, resting(person, posture), posture), 0.0, atol=1e-9)
+        np.testing.assert_allclose(
+            solve_torso_angles(person, resting(person, posture), posture), 0.0, atol=1e-9
+        )
 
 
 @pytest.mark.parametrize("posture", POSTURES)
@@ -207,7 +209,7 @@ def test_no_rigid_torso_that_keeps_the_heads_direction_comes_nearer(rng: np.rand
 def test_waist_and_head_share_the_yaw_three_to_seven() -> None:
     person = Person("woman", 0.54)
     yaw = transforms.from_axis_angle(human.Z_AXIS, np.asarray(0.5))
-    angles = torso_angles(person, Pose(resting_head_centre(person, SEATED), yaw), SEATED)
+    angles = solve_torso_angles(person, Pose(resting_head_centre(person, SEATED), yaw), SEATED)
     np.testing.assert_allclose(angles[[2, 5]], [0.15, 0.35], atol=1e-9)
 
 

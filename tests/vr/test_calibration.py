@@ -8,7 +8,7 @@ import pytest
 from avrgym.geometry import transforms
 from avrgym.models.furniture.real_furniture import (
     ALLOWED_RANGES,
-    HIPS_FROM_BACK_M,
+    HIPS_TO_BACKREST_DISTANCE_M,
     FurniturePoint,
     RealFurniture,
     change_furniture,
@@ -17,7 +17,7 @@ from avrgym.models.furniture.real_furniture import (
 from avrgym.models.human import PROPORTIONS, RECLINED, SEATED, SEXES, Person, Posture, Sex
 from avrgym.vr.protocol.messages import Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose, headset_from_head, registration_from_head
-from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, torso_angles
+from avrgym.vr.tracking.body import BodyPose, BodySolver, hips_frame, resting_head_centre, solve_torso_angles
 from avrgym.vr.tracking.calibration import measure_torso_height
 from avrgym.vr.tracking.frames import TrackingFeed
 from avrgym.vr.tracking.tracking_state import TrackingState
@@ -64,7 +64,11 @@ def test_tilt_and_headrest_do_not_change_the_torso_height(
     back, tilt = np.radians(back_deg), np.radians(tilt_deg)
     for height_m in (0.48, 0.57):
         hips_m = posture.hips_origin(PROPORTIONS["woman"])[2]
-        hips_m += (HIPS_FROM_BACK_M - real.seat_depth_m) * np.sin(tilt) if posture.seated else -posture.rise_m
+        hips_m += (
+            (HIPS_TO_BACKREST_DISTANCE_M - real.seat_depth_m) * np.sin(tilt)
+            if posture.seated
+            else -posture.rise_m
+        )
         along = np.array([-np.cos(back), np.sin(back)])
         forward = np.array([along[1], -along[0]])
         centre_m = hips_m + (height_m * along + headrest_m * forward)[1]
@@ -79,7 +83,7 @@ def test_a_headrest_puts_the_seat_behind_the_head() -> None:
     the body."""
     person, tracking = Person("woman", 0.56), TrackingState()
     for real in (VIRTUAL, RealFurniture(headrest_m=0.08, seat_back_deg=80.0)):
-        tracking.place_seat(headset(person, SEATED), person, SEATED, real)
+        tracking.determine_registration(headset(person, SEATED), person, SEATED, real)
         for body in (person, Person("woman", 0.5)):
             tracking.update_location(body)
             assert tracking.registration is not None
@@ -119,7 +123,9 @@ def test_registering_somebody_at_rest_gives_no_angles(posture: Posture, height_o
     person = Person("man", 0.57)
     head = headset(person, posture, height_offset_m)
     registration = registration_from_head(head, resting_head_centre(person, posture))
-    np.testing.assert_allclose(torso_angles(person, head_pose(registration, head), posture), 0.0, atol=1e-6)
+    np.testing.assert_allclose(
+        solve_torso_angles(person, head_pose(registration, head), posture), 0.0, atol=1e-6
+    )
     assert registration.origin_w[2] == pytest.approx(-height_offset_m)
 
 

@@ -165,7 +165,7 @@ def test_one_address_fills_no_more_than_its_share(monkeypatch: pytest.MonkeyPatc
 def test_silence_is_closed(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.2)
+    monkeypatch.setattr(gate_module, "IDLE_CONNECTION_TIMEOUT_S", 0.2)
     monkeypatch.setattr(gate_module, "TIMEOUT_CHECK_INTERVAL_S", 0.05)
     with make_server() as server:
         for said in (b"", b"GET / HTTP/1.1\r\nHost: ", request(server.port)):
@@ -184,7 +184,7 @@ def test_drop_by_drop_is_no_request(
     make_server: Callable[..., LiveServer[Session]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A header that goes on and on counts as silence."""
-    monkeypatch.setattr(gate_module, "IDLE_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(gate_module, "IDLE_CONNECTION_TIMEOUT_S", 0.3)
     monkeypatch.setattr(gate_module, "TIMEOUT_CHECK_INTERVAL_S", 0.05)
     with make_server() as server, connect(server.port) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")

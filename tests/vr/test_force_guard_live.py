@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from avrgym.analysis.reading.study_data import count_guard_interventions
 from avrgym.cli.main import app
 from avrgym.recording.reader import Recording, read_recording
-from avrgym.replay.playback import region_loads
+from avrgym.replay.playback import compute_region_loads
 from avrgym.replay.verification import verify
 from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE, RELEASE_EVENT
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N
@@ -107,7 +107,8 @@ def test_who_watches_sees_which_region_bears_most(guarded: Trial, unguarded: Tri
 
 def test_a_participant_bears_less_with_it(guarded: Trial, unguarded: Trial) -> None:
     peaks = [
-        (region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max() for trial in (guarded, unguarded)
+        (compute_region_loads(trial.recording).peak_n / QUASI_STATIC_LIMIT_N).max()
+        for trial in (guarded, unguarded)
     ]
     assert INTERVENTION_FORCE_SHARE < peaks[0] < peaks[1]
 
@@ -140,7 +141,7 @@ def test_replay_shows_forces_by_region(guarded: Trial, tmp_path: Path) -> None:
     file = tmp_path / "regions.json"
     shown = CliRunner().invoke(app, ["replay", str(guarded.path), "--regions", "--json", str(file)])
     assert shown.exit_code == 0, shown.output
-    loads = region_loads(guarded.recording)
+    loads = compute_region_loads(guarded.recording)
     for index, region in enumerate(BODY_REGIONS):
         assert (f" {region.name} " in shown.stdout) == bool(loads.peak_n[0, index])
     assert f'"peak_n": {loads.peak_n.max()}' in file.read_text()

@@ -377,7 +377,7 @@ def test_the_page_lists_connection_limits() -> None:
         "MAX_UNAUTHENTICATED_CONNECTIONS",
         "MAX_CONNECTIONS_PER_ROLE",
         "TLS_TIMEOUT_S",
-        "IDLE_TIMEOUT_S",
+        "IDLE_CONNECTION_TIMEOUT_S",
         "RESPONSE_TIMEOUT_S",
     ):
         assert f" {getattr(gate_module, name):g} " in SECURITY.replace("\n", " "), name

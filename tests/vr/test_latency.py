@@ -10,7 +10,7 @@ from avrgym.recording.schema import MAX_LATENCY_FRAMES, MAX_LATENCY_MS, Latency
 from avrgym.vr.latency import STAGES, percentiles_ms
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import State, Status
-from avrgym.vr.server.connection import MAX_STORED_FRAMES, FrameTimes
+from avrgym.vr.server.connection import MAX_STORED_FRAME_TIMES, FrameLatencyTracker
 from helpers.vr.visit import Visit, plan
 
 
@@ -25,7 +25,7 @@ def state(followed: int) -> State:
 
 
 def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it() -> None:
-    passage = FrameTimes()
+    passage = FrameLatencyTracker()
     passage.record_arrival(3)
     passage.record_arrival(4)
     assert passage.newest_frame_times(state(-1), 0.0) is None
@@ -37,12 +37,12 @@ def test_a_frame_passes_once_from_its_arrival_to_the_first_state_that_follows_it
 
 
 def test_frames_that_no_state_follows_are_forgotten() -> None:
-    passage = FrameTimes()
-    for sequence in range(3 * MAX_STORED_FRAMES):
+    passage = FrameLatencyTracker()
+    for sequence in range(3 * MAX_STORED_FRAME_TIMES):
         passage.record_arrival(sequence)
     assert passage.newest_frame_times(state(0), 0.0) is None
-    assert passage.newest_frame_times(state(3 * MAX_STORED_FRAMES - 1), 0.0) is not None
-    assert len(passage._received_s) < MAX_STORED_FRAMES
+    assert passage.newest_frame_times(state(3 * MAX_STORED_FRAME_TIMES - 1), 0.0) is not None
+    assert len(passage._received_s) < MAX_STORED_FRAME_TIMES
 
 
 def test_the_total_is_the_sum_of_the_stages() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from avrgym.recording.reader import Recording
 from avrgym.replay.verification import verify
-from avrgym.safety.retreat import MAX_DURATION_S
+from avrgym.safety.retreat import MAX_RETREAT_DURATION_S
 from avrgym.vr.live_world.world import BRAKING_TICKS
 from avrgym.vr.protocol.messages import ClientMessage, Command, ExperimenterMessage, Question, Stop
 from avrgym.vr.session import events
@@ -62,7 +62,7 @@ def test_the_tool_is_away_before_questions_come_and_replay_takes_it_away_alike(t
     visit = helping(tmp_path)
     assert far_m(visit) < 0.2
     assert not visit.received(Question)
-    visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
+    visit.run_until("free_after", limit_s=MAX_RETREAT_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
     assert len(recording.messages_by_topic["/control"]) == STEPS
@@ -99,7 +99,7 @@ def test_a_retreat_waits_for_tracking_and_goes_on(tmp_path: Path) -> None:
     assert speed_m_s(visit) < 0.01
     assert visit.phase == "retreat"
     visit.tracking = True
-    visit.run_until("free_after", limit_s=MAX_DURATION_S + 0.5)
+    visit.run_until("free_after", limit_s=MAX_RETREAT_DURATION_S + 0.5)
     assert far_m(visit) > 0.3
     recording = ended(visit)
     assert "tracking_found" in [event.name for _, event in recording.messages_by_topic["/events"]]

@@ -124,7 +124,7 @@ class Walk:
         paced = apply_preferences(ConditionRules(policy="drive", preferences=True), None)
         session = replace(
             trials,
-            trials=[replace(each, rules=paced, own_preferences=True) for each in trials.trials],
+            trials=[replace(each, rules=paced, allow_preference_changes=True) for each in trials.trials],
             headset_check=checked,
             measure_reach=True,
             break_items=LIKERT_ITEMS[:1],

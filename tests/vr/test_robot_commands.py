@@ -127,8 +127,10 @@ def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) 
     )
     rules = apply_preferences(condition, None)
     session = plan(seeds=(1, 2))
-    own = [replace(each, rules=rules, own_preferences=True) for each in session.trials]
-    visit = Visit(tmp_path, replace(session, trials=[own[0], replace(own[1], own_preferences=False)]))
+    own = [replace(each, rules=rules, allow_preference_changes=True) for each in session.trials]
+    visit = Visit(
+        tmp_path, replace(session, trials=[own[0], replace(own[1], allow_preference_changes=False)])
+    )
     visit.send(ChangePreferences())
     assert visit.problems[-1] == "You cannot change now how the robot helps."
     visit.calibrate()

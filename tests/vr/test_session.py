@@ -24,7 +24,7 @@ from avrgym.safety.approach_speed import effective_mass_kg
 from avrgym.safety.brakes import BRAKE_TORQUE_FACTOR
 from avrgym.safety.force_guard import INTERVENTION_EVENT, INTERVENTION_FORCE_SHARE
 from avrgym.safety.limits import BODY_REGIONS, QUASI_STATIC_LIMIT_N, max_impact_speed_m_s
-from avrgym.safety.retreat import MAX_DURATION_S
+from avrgym.safety.retreat import MAX_RETREAT_DURATION_S
 from avrgym.simulation.worlds import MAX_SERVO_LEAD_RAD
 from avrgym.tasks.episodes import Episodes
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
@@ -204,7 +204,7 @@ def test_phases_take_their_time(whole: Visit) -> None:
         }
         entered_s.pop("confirm", None)
         retreat_s = entered_s["free_after"] - entered_s.pop("retreat")
-        assert 0.0 < retreat_s < MAX_DURATION_S + 0.5
+        assert 0.0 < retreat_s < MAX_RETREAT_DURATION_S + 0.5
         began_s = np.cumsum([0.0, FREE_S, whole.session.plan.countdown_s, 20.0 + retreat_s, FREE_S])
         assert list(entered_s.values()) == pytest.approx(began_s[:count], abs=3.5 * TICK_S)
 

@@ -16,10 +16,10 @@ from avrgym.vr.protocol.messages import Modality, State, Tracking, XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, grip_from_wrist, hand_pose, hand_pose_from_wrist
 from avrgym.vr.tracking.jumps import MAX_SPEED_M_S, min_travel_time_s
 from avrgym.vr.tracking.switches import (
-    CORRECTION_FADING_PER_METRE,
+    CORRECTION_DECAY_PER_M,
     MAX_DEVICE_OFFSET_M,
+    MAX_REST_DISPLACEMENT_M,
     MAX_SWITCH_GAP_S,
-    REST_RADIUS_M,
     HandDevice,
 )
 from helpers.vr import device_switch_examples
@@ -121,7 +121,7 @@ def test_the_correction_fades_while_the_hand_moves_and_nobody_sees_it(
     assert lengths_m[0] > 0.05
     assert lengths_m[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.diff(lengths_m).max() < 1e-9
-    assert max(steps_m) < 0.006 + CORRECTION_FADING_PER_METRE * (REST_RADIUS_M + 0.006) + 0.002
+    assert max(steps_m) < 0.006 + CORRECTION_DECAY_PER_M * (MAX_REST_DISPLACEMENT_M + 0.006) + 0.002
 
 
 def test_who_is_elsewhere_has_moved(rng: np.random.Generator) -> None:

@@ -15,7 +15,7 @@ from avrgym.models.human import SEATED_POSE_RAD
 from avrgym.people.distributions import BASE_DISTRIBUTIONS
 from avrgym.people.population_names import IMPAIRMENTS, ImpairmentName
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
+from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss, tracking_loss_share
 from avrgym.study.design.design import default_design_text, parse_design
 from avrgym.tasks import constants
 from avrgym.tasks.registry import TASKS
@@ -202,7 +202,7 @@ def test_a_hand_that_is_lost_for_a_while_counts_as_held_by_its_part(tmp_path: Pa
     assert ended(recording) == "completed"
     assert tracking_loss_share(recording) == pytest.approx((0.8 - STALE_POSE_AGE_S) / 4.0, abs=0.03)
     assert tracking_loss_share(recording, "left") == pytest.approx(0.0, abs=1e-9)
-    why = describe_excess_loss(recording, parse_design(default_design_text()))
+    why = describe_excess_tracking_loss(recording, parse_design(default_design_text()))
     print(f"\n{why}")
     assert why is not None
     assert "left hand 0.0 %, right hand 1" in why

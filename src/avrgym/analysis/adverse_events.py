@@ -6,7 +6,12 @@ from typing import Any
 from avrgym.analysis.page.elements import Markup, count_text, number_text, table, tag
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.analysis.study import StudyAnalysis
-from avrgym.study.people.adverse_events import RELATEDNESS, SCALE_SOURCES, SERIOUSNESS, SEVERITIES
+from avrgym.study.people.adverse_events import (
+    RATING_SCALE_SOURCES,
+    RELATEDNESS_GRADES,
+    SERIOUSNESS_CRITERIA,
+    SEVERITIES,
+)
 
 EventCondition = tuple[str | None, str | None]
 """Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE_TRIALS`` for events outside trials."""
@@ -28,7 +33,7 @@ def adverse_events_section(analysis: StudyAnalysis) -> Markup:
         tag("h3", "Adverse events"),
         tag("p", describe_adverse_events(analysis)),
         *shown,
-        *([tag("p", SCALE_SOURCES)] if events else []),
+        *([tag("p", RATING_SCALE_SOURCES)] if events else []),
         tag("p", ROBOT_SAFETY_NOTE),
         _safety(analysis),
     )
@@ -126,8 +131,8 @@ def _named(condition: EventCondition) -> str:
 
 
 def _serious(events: Sequence[Mapping[str, Any]]) -> int:
-    return sum(row["seriousness"] != SERIOUSNESS[0] for row in events)
+    return sum(row["seriousness"] != SERIOUSNESS_CRITERIA[0] for row in events)
 
 
 def _related(events: Sequence[Mapping[str, Any]]) -> int:
-    return sum(row["relatedness"] in RELATEDNESS[2:] for row in events)
+    return sum(row["relatedness"] in RELATEDNESS_GRADES[2:] for row in events)

@@ -66,8 +66,8 @@ def item_version_rows(store: Store, answered_items: AnsweredItems) -> list[ItemV
     ]
 
 
-DIFFERENCES_TITLE = "Differences between participants"
-DIFFERENCES_NOTICE = (
+DESIGN_DIFFERENCES_TITLE = "Differences between participants"
+DESIGN_DIFFERENCES_TEXT = (
     "Participants took part with designs that differ from each other, or from the design in the "
     "study's folder. The section "
     "below lists each difference. Answers to different items are analysed separately; rewards, success and forces are "
@@ -75,13 +75,13 @@ DIFFERENCES_NOTICE = (
 )
 
 
-def differences_notice(differences: Sequence[Finding]) -> list[Markup]:
+def design_differences_notice(differences: Sequence[Finding]) -> list[Markup]:
     """Returns a warning that designs differ; an empty list if no difference is an error."""
     has_errors = any(each.is_error for each in differences)
-    return [warning_box(f"{DIFFERENCES_TITLE}.", DIFFERENCES_NOTICE)] if has_errors else []
+    return [warning_box(f"{DESIGN_DIFFERENCES_TITLE}.", DESIGN_DIFFERENCES_TEXT)] if has_errors else []
 
 
-def differences_section(differences: Sequence[Finding], items: Sequence[ItemVersionRow]) -> Markup:
+def design_differences_section(differences: Sequence[Finding], items: Sequence[ItemVersionRow]) -> Markup:
     """Returns the report section: each difference between designs, and all versions of changed items.
 
     The section is empty if there are no differences.
@@ -89,7 +89,7 @@ def differences_section(differences: Sequence[Finding], items: Sequence[ItemVers
     if not differences:
         return Markup()
     lines = bullet_list([f"{each.where}: {each.message}." for each in differences])
-    return tag("section", tag("h2", DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
+    return tag("section", tag("h2", DESIGN_DIFFERENCES_TITLE), lines, *_versions(items), id="differences")
 
 
 def _versions(items: Sequence[ItemVersionRow]) -> list[Markup]:

@@ -49,7 +49,7 @@ A participant's trials may contain no information about a parameter, for example
 parameter then has the prior variance."""
 RHYTHMIC_PARAMETERS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
 FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMIC_PARAMETERS)
-SWAY_STEP_HZ = 0.004
+SWAY_FREQUENCY_STEP_HZ = 0.004
 SWAY_BAND_HZ, TREMOR_BAND_HZ = (0.05, 0.6), (3.5, 12.0)
 """Frequency bands for the search of sway and tremor. Tremor is between 4 and 12 Hz (Bhatia et al., Mov. Disord. 33:75,
 2018)."""
@@ -69,14 +69,14 @@ _SEARCHED: Mapping[str, FloatArray] = {
     "startle_duration_s": 0.05 * np.arange(-8.0, 9.0),
 }
 """Parameters for the grid search, and the changes to try. Predictions depend on them little or discontinuously."""
-OUTLIER_THRESHOLD = 2.385
+CAUCHY_WEIGHT_SCALE = 2.385
 """Scale of Cauchy's weight function, in standard deviations: larger deviations have less weight (Holland and Welsch,
 Commun. Stat. 6:813, 1977)."""
-MAD_FACTOR = 1.4826
+MAD_TO_SD_FACTOR = 1.4826
 """Standard deviation of normally distributed values, divided by their median absolute deviation."""
 _MOVING = [JOINT_INDEX[name] for name in (*MOTION_JOINTS, "waist_z")]
 _SHOWN = slice(len(MOTION_JOINTS))
-SIDEWAYS_SWAY_RATIO = 0.7
+SIDEWAYS_SWAY_FREQUENCY_RATIO = 0.7
 """Frequency of sideways sway divided by the frequency of forward sway, as in ``people.motor``."""
 _STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("startle")]
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
@@ -313,8 +313,8 @@ class _Fit:
         """Returns the robust sums of squares / 2 (C, pieces). Outliers have less weight."""
         costs: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
-            scaled = residuals[number][:, rows] / (OUTLIER_THRESHOLD * self._noise_rad[owner])
-            costs.append(0.5 * OUTLIER_THRESHOLD**2 * np.log1p(scaled**2).sum(axis=(1, 2)))
+            scaled = residuals[number][:, rows] / (CAUCHY_WEIGHT_SCALE * self._noise_rad[owner])
+            costs.append(0.5 * CAUCHY_WEIGHT_SCALE**2 * np.log1p(scaled**2).sum(axis=(1, 2)))
         return np.stack(costs, axis=1)
 
     def _normal_equations(self, residuals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
@@ -325,7 +325,7 @@ class _Fit:
             scaled = (residuals[number][:, rows] / self._noise_rad[owner]).reshape(1 + 2 * len(_NAMES), -1)
             up, down = np.split(scaled[1:], 2)
             jacobian = (up - down) / (2.0 * _STEPS[:, None])
-            weighted = jacobian / (1.0 + (scaled[0] / OUTLIER_THRESHOLD) ** 2)
+            weighted = jacobian / (1.0 + (scaled[0] / CAUCHY_WEIGHT_SCALE) ** 2)
             matrices.append(weighted @ jacobian.T)
             slopes.append(-weighted @ scaled[0])
         return np.array(matrices), np.array(slopes)
@@ -335,7 +335,9 @@ class _Fit:
             own = np.concatenate(
                 [each[0] for each, of in zip(residuals, self._owner, strict=True) if of == owner]
             )
-            self._noise_rad[owner] = np.maximum(MAD_FACTOR * np.median(np.abs(own), axis=0), MIN_NOISE_RAD)
+            self._noise_rad[owner] = np.maximum(
+                MAD_TO_SD_FACTOR * np.median(np.abs(own), axis=0), MIN_NOISE_RAD
+            )
 
 
 def _prior_costs(points: FloatArray) -> FloatArray:
@@ -454,7 +456,7 @@ def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
             return np.full((count, 1), count**-0.5)
         return np.linalg.qr(_sinusoid(times_s, frequency_hz))[0]
 
-    sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY_RATIO * sway_hz
+    sideways_hz = None if sway_hz is None else SIDEWAYS_SWAY_FREQUENCY_RATIO * sway_hz
     return {WAIST_X: basis(sway_hz), WAIST_Y: basis(sideways_hz), ELBOW: basis(None)}
 
 
@@ -472,9 +474,9 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(len(deviations_rad))
     best = np.inf, 0.0, 0.0
     low_hz, high_hz = SWAY_BAND_HZ
-    for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, SWAY_STEP_HZ):
+    for frequency_hz in np.arange(max(low_hz, 1.0 / times_s[-1]), high_hz, SWAY_FREQUENCY_STEP_HZ):
         error, power = 0.0, 0.0
-        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY_RATIO)):
+        for channel, factor in ((WAIST_X, 1.0), (WAIST_Y, SIDEWAYS_SWAY_FREQUENCY_RATIO)):
             basis = _sinusoid(times_s, factor * frequency_hz)
             found = np.linalg.lstsq(basis, deviations_rad[:, channel], rcond=None)[0]
             error += float(((deviations_rad[:, channel] - basis @ found) ** 2).sum())

@@ -25,7 +25,7 @@ from avrgym.array_types import FloatArray
 from avrgym.models.human import JOINT_INDEX, JOINTS, TORSO_HEIGHT_RANGE_M, Sex
 from avrgym.people.people_file import FittedStudy, PeopleFile, TorsoHeights, ValueRange
 from avrgym.recording.reader import Recording
-from avrgym.study.checking.tracking_loss import describe_excess_loss
+from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss
 from avrgym.study.export.trials import ExportedAttempt, completed_attempts
 from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.states import StudyError
@@ -163,7 +163,7 @@ def _read_poses(
 def _read_pose(attempt: ExportedAttempt) -> TrialPose:
     """Returns the pose in a recording. Raises ``StudyError`` with the name of the recording if it is unusable."""
     recording = attempt.read_complete_recording()
-    held = describe_excess_loss(recording, attempt.store.design)
+    held = describe_excess_tracking_loss(recording, attempt.store.design)
     if held is not None:
         raise StudyError(f"{attempt.attempt.recording}: {held}")
     try:

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from avrgym.analysis.page.drawing import MATPLOTLIB_STYLE, TEXT_COLOUR, ReportFigure, finish_figure
+from avrgym.analysis.page.drawing import MATPLOTLIB_STYLE, TEXT_COLOUR, ReportFigure, make_report_figure
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.study.design.design import Design
 from avrgym.study.storage.rows import Participant
@@ -240,7 +240,7 @@ def flow_chart(flow: ParticipantFlow) -> ReportFigure:
             top = below + aside + BOX_GAP_IN
             if words != shown[-1][0]:
                 _arrow(axes, (middle, below), (middle, top))
-    return finish_figure(flow.simulated, "flow", "Flow of participants", figure)
+    return make_report_figure(flow.simulated, "flow", "Flow of participants", figure)
 
 
 def _lines(texts: Sequence[str]) -> list[str]:

@@ -24,7 +24,7 @@ from avrgym.analysis.page.elements import (
     effect_size_text,
     group_caption,
     p_text,
-    short_number,
+    short_number_text,
     table,
     tag,
 )
@@ -35,7 +35,7 @@ from avrgym.analysis.statistics.comparisons import (
     SECONDARY,
     SENSITIVITY,
     SUPPLEMENT,
-    TOO_FEW_PARTICIPANTS,
+    TOO_FEW_PARTICIPANTS_TEXT,
     TRIAL_UNIT,
     ComparisonFamily,
     ComparisonRow,
@@ -227,7 +227,7 @@ def _primary_of_group(
 def _test_cells(row: ComparisonRow) -> tuple[object, ...]:
     return (
         row.family.removesuffix(f", by {PARTICIPANT_UNIT}"), row.quantity, f"{row.group_a} / {row.group_b}",
-        sample_size_text(row), f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+        sample_size_text(row), f"{short_number_text(row.median_a)} / {short_number_text(row.median_b)}",
         effect_size_text(row.effect, row.effect_low, row.effect_high),
         row.note if row.p is None else p_text(row.p), p_text(row.p_primary), row.stars,
     )  # fmt: skip
@@ -243,7 +243,7 @@ def _model_cells(row: ModelRow) -> tuple[object, ...]:
 def _limits(tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool) -> Iterator[str]:
     """Yields notes about the limits of tests with few participants."""
     rows = [*chain(*_primary_of_group(tests, models, simulated))]
-    if any(row.note == TOO_FEW_PARTICIPANTS for row in rows):
+    if any(row.note == TOO_FEW_PARTICIPANTS_TEXT for row in rows):
         yield f"With fewer than {MIN_PARTICIPANTS} participants, results are described and not tested."
     elif number := _most_participants(rows):
         minimum = 2.0 / 2.0**number

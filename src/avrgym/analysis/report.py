@@ -12,10 +12,10 @@ from avrgym.analysis.biomechanics.section import biomechanics_section
 from avrgym.analysis.biomechanics.training_people import PEOPLE_PER_TASK
 from avrgym.analysis.commands import COMMANDS_METHOD_TEXT, commands_section
 from avrgym.analysis.designs import (
-    DIFFERENCES_TITLE,
+    DESIGN_DIFFERENCES_TITLE,
     describe_by_design,
-    differences_notice,
-    differences_section,
+    design_differences_notice,
+    design_differences_section,
 )
 from avrgym.analysis.headsets import headset_section
 from avrgym.analysis.latency import LATENCY_METHOD_TEXT, latency_section
@@ -23,7 +23,7 @@ from avrgym.analysis.log import access_log_section
 from avrgym.analysis.models.section import MODELS_METHOD_TEXT, models_section
 from avrgym.analysis.outcomes.section import outcomes_section
 from avrgym.analysis.outcomes.trials import trials_section
-from avrgym.analysis.page.comparisons import other_tests_section, tables_of_tests
+from avrgym.analysis.page.comparisons import other_tests_section, test_tables_by_caption
 from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.page.elements import (
     Markup,
@@ -44,7 +44,7 @@ from avrgym.analysis.reading.rows import ParticipantRow
 from avrgym.analysis.repeats import REPEATS_METHOD_TEXT, repeats_section
 from avrgym.analysis.sessions import sessions_section
 from avrgym.analysis.sites import sites_section
-from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK
+from avrgym.analysis.statistics.tests import MAX_EXACT_SIGNED_RANK_N
 from avrgym.analysis.streams import streams_section
 from avrgym.analysis.study import StudyAnalysis
 from avrgym.commands.respondents import PROXY
@@ -75,7 +75,7 @@ def write_report(
         analysis.design.title,
         header,
         [
-            differences_section(analysis.design_differences, analysis.item_versions),
+            design_differences_section(analysis.design_differences, analysis.item_versions),
             plan_section(analysis.frozen_plan),
             *nobody,
             *sections,
@@ -89,7 +89,7 @@ def write_report(
 
 def _notices(analysis: StudyAnalysis) -> Markup:
     everyone = analysis.study_data.participants
-    notices: list[Markup] = differences_notice(analysis.design_differences)
+    notices: list[Markup] = design_differences_notice(analysis.design_differences)
     simulated = sum(row.simulated for row in everyone)
     if simulated:
         which = "All" if simulated == len(everyone) else f"{simulated} of the {len(everyone)}"
@@ -122,7 +122,7 @@ def _notices(analysis: StudyAnalysis) -> Markup:
 
 
 def _navigation(analysis: StudyAnalysis, groups: Sequence[bool]) -> Markup:
-    plan = [tag("a", DIFFERENCES_TITLE, href="#differences")] if analysis.design_differences else []
+    plan = [tag("a", DESIGN_DIFFERENCES_TITLE, href="#differences")] if analysis.design_differences else []
     plan += [tag("a", "The plan", href="#plan")] if analysis.frozen_plan else []
     links = [tag("a", GROUP_TITLES[simulated], href=f"#{_id(simulated)}") for simulated in groups]
     return tag(
@@ -149,7 +149,7 @@ def _group(
         if each.name.rpartition("-")[2] == _id(simulated)
     }
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
-    tests = tables_of_tests(analysis.families, simulated)
+    tests = test_tables_by_caption(analysis.families, simulated)
     design, observed = analysis.design, analysis.study_data
     confirmed = analysis.frozen_plan.confirmatory_plan if analysis.frozen_plan else None
     findings = analysis.repeat_findings if simulated is analysis.repeats_of_simulated else []
@@ -284,7 +284,7 @@ METHOD_TEXTS = (
     "interval, with the effective sample size if participants have several trials. Next to them is the evaluation of "
     "the same policy in simulation with its training population. Rewards that are all equal have no interval.",
     "Wilcoxon signed-rank test: zero differences are omitted and ties get mean ranks. It is exact for at most "
-    f"{MAX_EXACT_SIGNED_RANK} differences, else a normal approximation. Policies are paired within participant × task "
+    f"{MAX_EXACT_SIGNED_RANK_N} differences, else a normal approximation. Policies are paired within participant × task "
     "× robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
     "analysis, which assumes independent trials.",
     "Effect size: rank-biserial correlation r from −1 to 1, positive if the first group is larger. Its 95 % confidence "

@@ -24,9 +24,9 @@ from avrgym.system.files import write_atomically
 
 COMFORT_ITEMS = ("L2", "L3")
 """The paper's statements about comfort and safety."""
-FORCE = "force_on_person_n"
+FORCE_TERM = "force_on_person_n"
 """Name of the term for the mean contact force on the person (N)."""
-RIDGE = 1.0
+RIDGE_PENALTY = 1.0
 """Strength of the penalty on squared weights of standardised terms."""
 NEWTON_STEPS = 30
 MIN_PARTICIPANTS = 3
@@ -79,7 +79,7 @@ def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[Rewar
     by_task: dict[str, list[RatedTrial]] = {}
     for trial in trials:
         by_task.setdefault(trial.task, []).append(trial)
-    models = [fit_task(task, own, simulated=simulated) for task, own in by_task.items()]
+    models = [fit_reward_model(task, own, simulated=simulated) for task, own in by_task.items()]
     found = [model for model in models if model is not None]
     if not found:
         raise StudyError(
@@ -89,7 +89,7 @@ def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[Rewar
     return found
 
 
-def fit_task(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> RewardModel | None:
+def fit_reward_model(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> RewardModel | None:
     """Returns the reward model of a task; ``None`` with fewer than ``MIN_PARTICIPANTS`` participants."""
     pairs = list(compare(trials))
     people = list(dict.fromkeys(better.participant for better, _ in pairs))
@@ -102,10 +102,13 @@ def fit_task(task: str, trials: Sequence[RatedTrial], *, simulated: bool) -> Rew
     differences = np.array([values[id(better)] - values[id(worse)] for better, worse in pairs]) / scale
     owners = np.array([better.participant for better, _ in pairs])
     correct = np.concatenate(
-        [_credit(differences[owners == each] @ fit_weights(differences[owners != each])) for each in people]
+        [
+            _credit(differences[owners == each] @ fit_reward_weights(differences[owners != each]))
+            for each in people
+        ]
     )
     reward = _credit(np.array([better.reward - worse.reward for better, worse in pairs]))
-    weights: list[float] = (fit_weights(differences) / scale).tolist()
+    weights: list[float] = (fit_reward_weights(differences) / scale).tolist()
     return RewardModel(
         task,
         len(people),
@@ -124,7 +127,7 @@ def compare(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTri
             yield (first, second) if first.rating > second.rating else (second, first)
 
 
-def fit_weights(differences: FloatArray) -> FloatArray:
+def fit_reward_weights(differences: FloatArray) -> FloatArray:
     """Returns the weights (F,) of a logistic regression without intercept, by Newton's method.
 
     ``differences`` (n, F): reward terms of the preferred trial minus those of the other trial. The ridge penalty makes
@@ -133,13 +136,15 @@ def fit_weights(differences: FloatArray) -> FloatArray:
     weights = np.zeros(differences.shape[1])
     for _ in range(NEWTON_STEPS):
         wrong = 1.0 / (1.0 + np.exp(np.clip(differences @ weights, -30.0, 30.0)))
-        gradient = differences.T @ wrong - RIDGE * weights
-        curvature = (differences.T * (wrong * (1.0 - wrong))) @ differences + RIDGE * np.eye(len(weights))
+        gradient = differences.T @ wrong - RIDGE_PENALTY * weights
+        curvature = (differences.T * (wrong * (1.0 - wrong))) @ differences + RIDGE_PENALTY * np.eye(
+            len(weights)
+        )
         weights = weights + np.linalg.solve(curvature, gradient)
     return weights
 
 
-def write_models(models: Sequence[RewardModel], out: Path) -> None:
+def write_reward_models(models: Sequence[RewardModel], out: Path) -> None:
     """Write reward models into a new JSON file. Raises ``FileExistsError`` if it exists."""
     if out.exists():
         raise FileExistsError(f"{out} already exists; choose another file with --out FILE")
@@ -163,7 +168,7 @@ def _rated_trials(store: Store, items: Sequence[str]) -> tuple[bool, list[RatedT
         terms = {
             name: fmean(step.reward_terms.get(name, 0.0) for step in steps) for name in steps[0].reward_terms
         }
-        terms[FORCE] = fmean(step.force_on_person_n for step in steps)
+        terms[FORCE_TERM] = fmean(step.force_on_person_n for step in steps)
         found.append(
             RatedTrial(
                 exported.participant.pseudonym,

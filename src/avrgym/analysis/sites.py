@@ -28,7 +28,7 @@ from avrgym.analysis.page.elements import (
     effect_size_text,
     group_caption,
     percent_text,
-    short_number,
+    short_number_text,
     table,
     tag,
 )
@@ -66,7 +66,7 @@ class SiteEffectRow:
     effect_high: EffectSizeHigh
 
 
-NO_SITE = "no site"
+NO_SITE_LABEL = "no site"
 """Site name of participants without a site."""
 
 
@@ -106,8 +106,8 @@ def site_effect_rows(
 
 
 def site_label(row: ParticipantRow | TrialRow | AnswerRow | ScoreRow) -> str:
-    """Returns the site name in a row; ``NO_SITE`` if the row has no site."""
-    return row.site or NO_SITE
+    """Returns the site name in a row; ``NO_SITE_LABEL`` if the row has no site."""
+    return row.site or NO_SITE_LABEL
 
 
 def _sites(trials: Sequence[TrialRow]) -> Iterator[tuple[bool, str]]:
@@ -205,7 +205,7 @@ def _effects_table(effects: Sequence[SiteEffectRow], simulated: bool) -> Markup:
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", row.site,
             f"{row.n} + {row.zeros} zero" if row.zeros else row.n,
-            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            f"{short_number_text(row.median_a)} / {short_number_text(row.median_b)}",
             effect_size_text(row.effect, row.effect_low, row.effect_high),
         )
         for row in sorted(rows, key=lambda row: (row.family, row.quantity, row.group_a, row.group_b, row.site))

@@ -40,7 +40,11 @@ from avrgym.analysis.headsets import HeadsetRow, headset_rows
 from avrgym.analysis.latency import LatencyRow, latency_rows
 from avrgym.analysis.log import AccessLogSummary, summarise_access_log
 from avrgym.analysis.models.models import ModelRow, model_rows
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow, objective_rows, outcome_test_families
+from avrgym.analysis.outcomes.outcomes import (
+    ObjectiveOutcomeRow,
+    objective_outcome_rows,
+    outcome_test_families,
+)
 from avrgym.analysis.outcomes.paper_tables import paper_csv_tables, paper_tables
 from avrgym.analysis.plan import FrozenPlan, add_plan_status, plan_results, read_frozen_plan
 from avrgym.analysis.primary import assign_result_roles
@@ -60,7 +64,7 @@ from avrgym.analysis.repeats import RepeatRow, repeat_rows
 from avrgym.analysis.sessions import SessionRow, session_rows
 from avrgym.analysis.sites import SiteEffectRow, SiteOutcomeRow, site_effect_rows, site_outcome_rows
 from avrgym.analysis.statistics.comparisons import ComparisonFamily, ComparisonRow
-from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM, MAX_EXACT_SIGNED_RANK, PERMUTATION_COUNT
+from avrgym.analysis.statistics.tests import MAX_EXACT_RANK_SUM_N, MAX_EXACT_SIGNED_RANK_N, PERMUTATION_COUNT
 from avrgym.analysis.tables import Table, control_steps_table
 from avrgym.study.checking.design_checks import check_design, check_stored_designs
 from avrgym.study.checking.finding import Finding
@@ -133,7 +137,7 @@ class StudyAnalysis:
     sessions: list[SessionRow]
     body_trials: list[BodyTrials]
     training_people: list[SampledPersonRow]
-    objective_outcomes: list[ObjectiveRow]
+    objective_outcomes: list[ObjectiveOutcomeRow]
     answer_summaries: list[AnswerSummaryRow]
     session_answers: list[SessionAnswerRow]
     answer_frequencies: list[LikertRow]
@@ -178,7 +182,7 @@ class StudyAnalysis:
             yield Table("functioning", COLUMNS_BY_TABLE["functioning"], self.functioning)
         yield Table("adverse_events", COLUMNS_BY_TABLE["adverse_events"], self.adverse_events)
         yield Table.from_rows("problems", DataProblemRow, seen.problems)
-        yield Table.from_rows("objective", ObjectiveRow, self.objective_outcomes)
+        yield Table.from_rows("objective", ObjectiveOutcomeRow, self.objective_outcomes)
         yield from paper_csv_tables(list(paper_tables(self.design, self.objective_outcomes)))
         yield Table.from_rows("subjective", AnswerSummaryRow, self.answer_summaries)
         yield Table.from_rows("session_answers", SessionAnswerRow, self.session_answers)
@@ -212,8 +216,8 @@ class StudyAnalysis:
                 "people_per_task": PEOPLE_PER_TASK,
                 "seed": TRAINING_POPULATION_SEED,
                 "permutations": PERMUTATION_COUNT,
-                "exact_signed_rank": MAX_EXACT_SIGNED_RANK,
-                "exact_rank_sum": MAX_EXACT_RANK_SUM,
+                "exact_signed_rank": MAX_EXACT_SIGNED_RANK_N,
+                "exact_rank_sum": MAX_EXACT_RANK_SUM_N,
             },
             "differences": [
                 {"where": each.where, "message": each.message, "is_error": each.is_error}
@@ -267,7 +271,7 @@ def analyse_study(
         sessions=session_rows(store, observed.participants),
         body_trials=groups,
         training_people=people,
-        objective_outcomes=objective_rows(store, observed.trials),
+        objective_outcomes=objective_outcome_rows(store, observed.trials),
         answer_summaries=answer_summary_rows(*given),
         session_answers=session_answer_rows(*given),
         answer_frequencies=likert_rows(*given) + session_likert_rows(*given),

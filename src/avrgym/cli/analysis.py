@@ -66,13 +66,13 @@ def fit_reward(
 
     The trial with the higher answers is preferred. The accuracy is that of the other participants' weights.
     """
-    from avrgym.analysis.reward_model import COMFORT_ITEMS, fit_reward, write_models
+    from avrgym.analysis.reward_model import COMFORT_ITEMS, fit_reward, write_reward_models
     from avrgym.study.storage.store import Store
 
     with report_errors(), Store(folder) as store:
         models = fit_reward(store, item or COMFORT_ITEMS)
         log_command(store, "fit-reward", shows_results=True)
-        write_models(models, out)
+        write_reward_models(models, out)
         columns = ("task", "participants", "comparisons", "accuracy", "accuracy_of_reward", "simulated")
         print_table([{name: getattr(model, name) for name in columns} for model in models])
     print_line(f"weights   {out}")

@@ -113,10 +113,10 @@ def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, 
 
     from avrgym.system.files import user_data_folder
     from avrgym.vr.demonstration.session import DemonstrationSession
-    from avrgym.vr.server.certificate import lan_names, load_or_create_certificate
+    from avrgym.vr.server.certificate import lan_host_names, load_or_create_certificate
     from avrgym.vr.server.live_server import LiveServer
 
-    certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
+    certificate = load_or_create_certificate(lan_host_names(), user_data_folder()) if lan else None
     host = ALL_INTERFACES if lan else LOOPBACK_HOSTS[0]
     with (
         ThreadPoolExecutor(1) as workers,

@@ -42,13 +42,13 @@ def invite(
 
     The links are written once; the study stores only their checksums.
     """
-    from avrgym.hosting.addresses import check_address, invitation_link
+    from avrgym.hosting.addresses import invitation_link, parse_public_address
     from avrgym.study.people.invitations import create_invitations
     from avrgym.study.storage.store import Store
     from avrgym.system.files import write_private_file
 
     with report_errors(), Store(folder) as store:
-        base = check_address(address)
+        base = parse_public_address(address)
         wanted = [""] * number if labels is None else _read_labels(labels)
         if out.exists():
             raise FileExistsError(EEXIST, "file exists", str(out))
@@ -80,16 +80,16 @@ def invitations(
     json_file: JsonFileOption = None,
 ) -> None:
     """List invitations with their numbers of uses."""
-    from avrgym.hosting.addresses import check_address, participant_link
-    from avrgym.study.people.invitations import close_invitation, list_invitations, replace_token
+    from avrgym.hosting.addresses import parse_public_address, participant_link
+    from avrgym.study.people.invitations import close_invitation, list_invitations, replace_participant_token
     from avrgym.study.storage.store import Store
 
     with report_errors():
         check_json_file(json_file)
-        base = check_address(address) if new_link else ""
+        base = parse_public_address(address) if new_link else ""
         with Store(folder) as store:
             if new_link:
-                print_line(participant_link(base, replace_token(store, new_link)))
+                print_line(participant_link(base, replace_participant_token(store, new_link)))
                 log_command(store, "replace link", new_link)
             if close is not None:
                 close_invitation(store, close)

@@ -139,7 +139,7 @@ def adverse_events(
     forces that sessions recorded.
     """
     from avrgym.study.export.records import ExportOptions, adverse_event_rows, write_adverse_events
-    from avrgym.study.people.adverse_events import SCALE_SOURCES, safety_events
+    from avrgym.study.people.adverse_events import RATING_SCALE_SOURCES, safety_events
     from avrgym.study.storage.store import Store
 
     with report_errors():
@@ -164,7 +164,7 @@ def adverse_events(
         shown = ("event", "report", "participant", "began_at", "position", "severity", "seriousness")
         more = ("relatedness", "outcome", "description")
         print_table([{name: row[name] for name in (*shown, *more)} for row in latest.values()])
-        print_line(SCALE_SOURCES)
+        print_line(RATING_SCALE_SOURCES)
     if noticed:
         print_line("Safety events that sessions reported; record those that are adverse events:")
         print_table(noticed)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from avrgym.study.storage.store import Store
 
 StudyFolderArgument = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
-DEFAULT_EFFECTS = (0.5, 1.0, 1.5)
+DEFAULT_EFFECT_SIZES = (0.5, 1.0, 1.5)
 """Default effect sizes of ``power``, in points of a seven-point scale."""
 
 
@@ -172,28 +172,26 @@ def power(
 
     The command simulates several numbers of participants and several effect sizes.
     """
-    from avrgym.analysis.power.power import default_participant_numbers, simulate_power
+    from avrgym.analysis.power.power import default_sample_sizes, simulate_power
     from avrgym.analysis.power.simulated_studies import PowerAssumptions
     from avrgym.analysis.power.summary import power_summary, terminal_table_rows
     from avrgym.study.design.design import FILE, read_design
-    from avrgym.system.jobs import core_count
+    from avrgym.system.jobs import available_core_count
 
     with report_errors():
         check_json_file(json_file)
         design = read_design(study / FILE if study.is_dir() else study)
         assumptions = PowerAssumptions(participant_sd, policy_sd, task_sd, noise_sd, drift, dropout)
-        wanted = (
-            tuple(sorted({*sizes, design.participants})) if sizes else default_participant_numbers(design)
-        )
+        wanted = tuple(sorted({*sizes, design.participants})) if sizes else default_sample_sizes(design)
         with progress_bar("simulating studies", unit="studies") as bar:
             rows = simulate_power(
                 design,
                 assumptions,
-                sorted(set(effects or DEFAULT_EFFECTS)),
+                sorted(set(effects or DEFAULT_EFFECT_SIZES)),
                 wanted,
                 simulations,
                 seed,
-                jobs or core_count(),
+                jobs or available_core_count(),
                 bar.update,
             )
         found = power_summary(design, assumptions, rows, seed)
@@ -217,7 +215,7 @@ def frozen_at_and_deviations(
     from avrgym.study.storage.item_versions import AnsweredItems
 
     design = AnsweredItems(store).design
-    return frozen.known_time_text, deviations(
+    return frozen.existed_since_text, deviations(
         store, frozen, required_tests(design), left_out, optional_tests(design)
     )
 

@@ -204,11 +204,11 @@ def _print_differences(found: "Verification") -> None:
 
 
 def _show_regions(recording: "Recording", json_file: Path | None) -> None:
-    from avrgym.replay.playback import region_loads
+    from avrgym.replay.playback import compute_region_loads
     from avrgym.safety.region_forces import region_statistics
 
     with _progress(recording, "recomputing") as advance:
-        found = region_statistics(region_loads(recording, advance))
+        found = region_statistics(compute_region_loads(recording, advance))
     figures = {region: asdict(each) for region, each in found.items()}
     print_region_forces({"this trial": figures})
     write_json(json_file, figures)

@@ -29,7 +29,7 @@ from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HO
 
 if TYPE_CHECKING:
     from avrgym.models.furniture.real_furniture import RealFurniture
-    from avrgym.study.dashboard.request_log import LiveLog
+    from avrgym.study.dashboard.request_log import LivePageLog
     from avrgym.study.sessions.serving import StudySessions
     from avrgym.vr.lab_streaming.choice import StreamSettings
     from avrgym.vr.protocol.messages import SendMessage
@@ -135,7 +135,7 @@ def serve(
     from avrgym.models.furniture.real_furniture import DEFAULT_FURNITURE, change_furniture
     from avrgym.system.files import user_data_folder
     from avrgym.vr.lab_streaming.choice import parse_stream_options
-    from avrgym.vr.server.certificate import lan_names, load_or_create_certificate
+    from avrgym.vr.server.certificate import lan_host_names, load_or_create_certificate
     from avrgym.vr.server.live_server import LiveServer
 
     with report_errors(), ThreadPoolExecutor(1) as workers, ExitStack() as stack:
@@ -150,7 +150,7 @@ def serve(
             mattress_back_deg=mattress_back,
         )
         choice = parse_stream_options(send_streams, receive or [])
-        certificate = load_or_create_certificate(lan_names(), user_data_folder()) if lan else None
+        certificate = load_or_create_certificate(lan_host_names(), user_data_folder()) if lan else None
         address = host or (ALL_INTERFACES if lan else LOOPBACK_HOSTS[0])
         if participant is not None or (study / "study.toml").is_file():
             if force_guard is not None:
@@ -211,7 +211,7 @@ def _serve_study(
     """Serve the dashboard and the sessions of a study. If ``participant`` is given, start this participant's
     session."""
     from avrgym.study.dashboard.application import dashboard_app
-    from avrgym.study.dashboard.request_log import LiveLog
+    from avrgym.study.dashboard.request_log import LivePageLog
     from avrgym.study.dashboard.tokens import StudyTokens
     from avrgym.study.people.experimenters import ExperimenterTokens
     from avrgym.study.sessions.links import session_links
@@ -261,7 +261,7 @@ def _serve_study(
                 folder / PRIVATE / "tokens.json", experimenters, links, caregiver_links
             ),
             sounds=folder / SOUNDS_FOLDER,
-            record=partial(_record, LiveLog(store, storing, print_warning)),
+            record=partial(_record, LivePageLog(store, storing, print_warning)),
             links=links,
         ) as server,
     ):
@@ -278,7 +278,9 @@ def _serve_study(
         wait_for_server(server)
 
 
-def _record(log: "LiveLog", sessions: "StudySessions", caller: "AuthenticatedClient", message: Any) -> None:
+def _record(
+    log: "LivePageLog", sessions: "StudySessions", caller: "AuthenticatedClient", message: Any
+) -> None:
     log.log_message(caller, message, sessions.participant)
 
 

@@ -402,9 +402,9 @@ def rebuild(folder: StudyFolderArgument) -> None:
         f"{rebuilt.participant_count} participants, {rebuilt.attempt_count} attempts, {rebuilt.answer_count} answers"
     )
     print_line(f"lost      {rebuilt.lost_data}")
-    if rebuilt.unknown_state_count:
+    if rebuilt.unknown_participation_count:
         print_line(
-            f"unknown   consent or withdrawal of {rebuilt.unknown_state_count} participants: they are excluded "
+            f"unknown   consent or withdrawal of {rebuilt.unknown_participation_count} participants: they are excluded "
             f"from analyses until "
             "you confirm each with `avrgym study confirm-participation`"
         )

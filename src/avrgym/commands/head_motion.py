@@ -27,7 +27,7 @@ GESTURE_WINDOW_S = 1.5
 """Duration in seconds of the time window in which a gesture is detected."""
 MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
 """Minimum and maximum frequency of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
-MIN_AXIS_RATIO = 2.0
+MIN_SWING_AXIS_RATIO = 2.0
 """Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
 MIN_GESTURE_PAUSE_S = 1.5
 """Minimum time in seconds between two gestures of the same head."""
@@ -70,7 +70,7 @@ class HeadGestureDetector:
             done = swings.swing_count[:, axis] >= self._thresholds.swings
             done &= swings.mean_duration_s[:, axis] >= 0.5 / MAX_GESTURE_HZ
             done &= swings.mean_duration_s[:, axis] <= 0.5 / MIN_GESTURE_HZ
-            done &= swings.rms_extent_rad[:, axis] >= MIN_AXIS_RATIO * others
+            done &= swings.rms_extent_rad[:, axis] >= MIN_SWING_AXIS_RATIO * others
             done &= time_s >= self._quiet_until_s
             self._quiet_until_s = np.where(done, time_s + MIN_GESTURE_PAUSE_S, self._quiet_until_s)
             found[name] = done

@@ -9,7 +9,7 @@ from avrgym.doctor.finding import Check, Finding, error_finding
 from avrgym.doctor.installation import requirements_of, user_extras
 from avrgym.system.files import user_data_folder
 from avrgym.vr.server.addresses import DEFAULT_PORT
-from avrgym.vr.server.certificate import certificate_paths, lan_names
+from avrgym.vr.server.certificate import certificate_paths, lan_host_names
 
 COMPUTER_CHECKS = (
     Check("Python", lambda: installation.check_python(platform.python_version())),
@@ -24,11 +24,11 @@ COMPUTER_CHECKS = (
     Check("browser", connections.check_browser),
     Check("headset", connections.check_headset),
     Check("port", lambda: connections.check_port(DEFAULT_PORT)),
-    Check("network", lambda: connections.check_network(lan_names())),
+    Check("network", lambda: connections.check_network(lan_host_names())),
     Check("firewall", lambda: connections.check_firewall(DEFAULT_PORT)),
     Check(
         "certificate",
-        lambda: connections.check_certificate(certificate_paths(user_data_folder(), lan_names())),
+        lambda: connections.check_certificate(certificate_paths(user_data_folder(), lan_host_names())),
     ),
     Check("processors", machine.check_processor_count),
     Check("priority", machine.check_real_time_priority),

@@ -16,8 +16,8 @@ from avrgym.system.locks import lock_folder
 from avrgym.vr.protocol.messages import TICK_S
 from avrgym.vr.server import cpu_idle
 from avrgym.vr.server.connection_limits import (
-    FILE_HANDLE_DIVISOR,
     MAX_UNAUTHENTICATED_CONNECTIONS,
+    UNAUTHENTICATED_FILE_HANDLE_DIVISOR,
     max_open_files,
 )
 from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY, use_real_time_priority
@@ -108,7 +108,7 @@ def check_open_file_limit(number: int | None = None) -> Finding:
     ``number``: the maximum number; default: the limit of this process.
     """
     allowed = max_open_files() if number is None else number
-    needed = FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
+    needed = UNAUTHENTICATED_FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
     if allowed >= needed:
         return ok_finding(f"{allowed}")
     return warning_finding(f"{allowed}, which limits the number of browsers", f"ulimit -n {needed}")

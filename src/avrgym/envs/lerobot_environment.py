@@ -8,13 +8,13 @@ import numpy as np
 
 from avrgym.array_types import Float32Array, NumpyArray
 from avrgym.envs.single import AssistiveEnv
-from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation
+from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraDescription
 from avrgym.policies.lerobot import ENVIRONMENT_STATE, STATE, state_features
 from avrgym.system.type_guards import is_table
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import instruction
 
-ENTRIES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
+LEROBOT_ENTRY_NAMES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
 """Names of the observation's entries for each of LeRobot's features."""
 LeRobotObservation = dict[str, Any]
 
@@ -33,7 +33,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
         self,
         environment_id: str,
         *,
-        cameras: Sequence[AnyCamera] = (),
+        cameras: Sequence[CameraDescription] = (),
         render_mode: str | None = "rgb_array",
         episode_steps: int = EPISODE_STEPS,
         **arguments: Any,
@@ -84,7 +84,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
     def _converted(self, observation: AnyObservation) -> LeRobotObservation:
         entries = observation if isinstance(observation, dict) else {STATE_ENTRY: observation}
         states = state_features(self.observed, entries[STATE_ENTRY].astype(np.float32))
-        found: LeRobotObservation = {ENTRIES[name]: part for name, part in states.items()}
+        found: LeRobotObservation = {LEROBOT_ENTRY_NAMES[name]: part for name, part in states.items()}
         pixels = {name: image for name, image in entries.items() if image.dtype == np.uint8}
         return {**found, "pixels": pixels} if pixels else found
 

@@ -19,7 +19,7 @@ def register_environments() -> None:
     for environment_id in _environment_ids():
         gym.register(
             environment_id,
-            entry_point="avrgym.envs.single:single_entry",
+            entry_point="avrgym.envs.single:single_entry_point",
             vector_entry_point="avrgym.envs.vector:AssistiveVectorEnv",
             max_episode_steps=EPISODE_STEPS,
             kwargs={"environment_id": environment_id},

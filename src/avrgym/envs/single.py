@@ -15,8 +15,8 @@ from avrgym.envs.specs import SerializableSpec
 from avrgym.envs.vector_conventions import NO_TIME_LIMIT, check_episode_length, python_seed
 from avrgym.models.cameras import (
     STATE_ENTRY,
-    AnyCamera,
     AnyObservation,
+    CameraDescription,
     CameraSpec,
     image_entries,
     parse_cameras,
@@ -79,7 +79,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         max_episode_steps: int = EPISODE_STEPS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
-        cameras: Sequence[AnyCamera] = (),
+        cameras: Sequence[CameraDescription] = (),
         **settings: Any,
     ) -> None:
         """Create one world. ``Episodes`` documents people, person, impairment, withdrawal and force guard.
@@ -177,7 +177,7 @@ def _requested_length(entry: FrameType | None) -> int:
     return asked or getattr(spec, "max_episode_steps", None) or NO_TIME_LIMIT
 
 
-single_entry = _SingleEntry()
+single_entry_point = _SingleEntry()
 
 
 def info_of(step: StepOutcome) -> dict[str, Any]:

@@ -20,12 +20,12 @@ from avrgym.envs.vector_conventions import (
     SubEnvironment,
     check_episode_length,
     check_positive_integer,
-    final_infos,
     infos,
     merge_steps,
     reset_mask,
+    vector_final_infos,
 )
-from avrgym.models.cameras import STATE_ENTRY, AnyCamera, AnyObservation, parse_cameras
+from avrgym.models.cameras import STATE_ENTRY, AnyObservation, CameraDescription, parse_cameras
 from avrgym.models.human import Person, as_person
 from avrgym.system.engines import THREADS
 from avrgym.system.type_guards import is_array
@@ -65,7 +65,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         engine: str = THREADS,
         withdraw_after_success: bool = False,
         force_guard: bool = False,
-        cameras: Sequence[AnyCamera] = (),
+        cameras: Sequence[CameraDescription] = (),
         **settings: Any,
     ) -> None:
         """Create N worlds. ``Episodes`` documents people, person, impairment, threads, engine, withdrawal, force guard.
@@ -186,7 +186,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def _final_infos(self, step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
         """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
-        final = final_infos(step, ended)
+        final = vector_final_infos(step, ended)
         if self._cameras:
             worlds = np.nonzero(ended)[0].tolist()
             images = self.episodes.images(self._cameras, worlds)

@@ -133,7 +133,7 @@ def infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
     return masked
 
 
-def final_infos(step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
+def vector_final_infos(step: StepOutcome, ended: BoolArray) -> dict[str, Any]:
     """Returns the last observations and infos of the worlds in the mask ``ended`` (N,)."""
     observations = np.full(len(ended), None, dtype=object)
     for world in np.nonzero(ended)[0]:

@@ -273,10 +273,10 @@ class IKSolution:
 
 
 MAX_ITERATIONS = 50
-MAX_STEP_RAD = 0.5
+MAX_IK_STEP_RAD = 0.5
 METRES_PER_RADIAN = 0.3
 """Length that is equivalent to one radian of a rotation error or of a joint's motion."""
-BLOCK_ROWS = 8192
+ROWS_PER_BLOCK = 8192
 """Number of rows in one batch of computations. NumPy's call overhead is then small, and the data fit into the cache."""
 
 
@@ -314,7 +314,7 @@ def inverse_kinematics(
     angles = np.clip(rows_last(start).astype(precision), *limits[..., None])
     units = chain.joint_units[:, None].astype(precision)
     left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
-    rows, waiting = np.split(np.arange(len(start)), [BLOCK_ROWS])
+    rows, waiting = np.split(np.arange(len(start)), [ROWS_PER_BLOCK])
     while len(rows):
         now = angles.take(rows, axis=-1)
         poses = _poses(chain, now)
@@ -331,14 +331,14 @@ def inverse_kinematics(
     return IKSolution(found, left[0], left[1] / METRES_PER_RADIAN)
 
 
-RESTARTS = 4
+NUM_RESTARTS = 4
 MAX_RESTART_OFFSET_RAD = 1.0
 MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.005, 0.05
 
 
 def num_restart_uniforms(joints: int) -> int:
     """Returns the number of uniform random numbers that the restarts of one arm with ``joints`` joints need."""
-    return RESTARTS * joints
+    return NUM_RESTARTS * joints
 
 
 def inverse_kinematics_with_restarts(
@@ -352,7 +352,7 @@ def inverse_kinematics_with_restarts(
     best one. Continuous joints are wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
-    for restart in range(RESTARTS):
+    for restart in range(NUM_RESTARTS):
         rows = np.nonzero(~is_accurate(best))[0]
         if not len(rows):
             break
@@ -467,7 +467,7 @@ def _step(
     system = np.concatenate([weighted_gram_matrix(j, free), error[:, None]], axis=1)
     diagonal(system)[...] += DAMPING_PER_SQUARED_ERROR * norm(error) ** 2 + MIN_DAMPING_M2
     step = free * _times_error(j, solve_linear(system))
-    step *= np.minimum(1.0, MAX_STEP_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))
+    step *= np.minimum(1.0, MAX_IK_STEP_RAD / np.maximum(np.abs(step).max(axis=0), MIN_DIVISOR))
     return np.clip(angles + units * step, *limits)
 
 

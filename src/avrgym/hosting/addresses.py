@@ -5,7 +5,7 @@ from urllib.parse import urlsplit
 from avrgym.vr.server.addresses import LOOPBACK_HOSTS
 
 
-def check_address(address: str) -> str:
+def parse_public_address(address: str) -> str:
     """Returns the origin (scheme, host and port) of a public address, without a slash at the end.
 
     Raises:

@@ -1,10 +1,11 @@
 """Number of sessions that this computer can run, estimated from the processor time of the running sessions.
 
 A session needs most processor time in trials, and only trials are measured. The measured load of a session is its
-largest mean over ``MEAN_REPORTS`` reports. The estimate for a new session is the mean over all measured sessions.
+largest mean over ``AVERAGED_REPORT_COUNT`` reports. The estimate for a new session is the mean over all measured
+sessions.
 
 A new session is admitted if three conditions hold. The estimated load of all sessions is at most ``MAX_LOAD``. The
-sessions miss at most ``MAX_MISSED_SHARE`` of their ticks. Enough cores are idle; this includes the load of other
+sessions miss at most ``MAX_MISSED_TICK_SHARE`` of their ticks. Enough cores are idle; this includes the load of other
 programs.
 """
 
@@ -15,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-MAX_MISSED_SHARE = 0.005
+MAX_MISSED_TICK_SHARE = 0.005
 """Maximum share of missed ticks at which a session is admitted, measured over the last ``WINDOW_S``."""
 MAX_LOAD = 0.8
 """Maximum load by sessions, as a share of all cores. The rest is for the host and the database."""
@@ -23,25 +24,25 @@ INITIAL_CPU_SHARE = 0.35
 """Assumed load of a session before the first measurement, as a share of one core."""
 WINDOW_S = 30.0
 """Time over which missed ticks are counted."""
-MEAN_REPORTS = 10
+AVERAGED_REPORT_COUNT = 10
 """Number of reports in a mean of the load."""
-YOUNG_S = 20.0
+WARM_UP_DURATION_S = 20.0
 """Time after its start in which a session does not yet use its full processor time."""
 IDLE_WINDOW_S = 5.0
 """Time over which the idle cores are measured. It must contain the start of the previous session."""
-SETTLE_S = 5.0
+IGNORED_STARTUP_S = 5.0
 """Time after the start of a session without measurement. The session then builds its simulation models."""
 
 
 @dataclass
 class _Measured:
     peak: float = 0.0
-    recent: deque[float] = field(default_factory=lambda: deque[float](maxlen=MEAN_REPORTS))
+    recent: deque[float] = field(default_factory=lambda: deque[float](maxlen=AVERAGED_REPORT_COUNT))
     missed: deque[tuple[float, int]] = field(default_factory=deque[tuple[float, int]])
     idle_cores: float | None = None
 
 
-class IdleCores:
+class IdleCoreMonitor:
     """Measures the number of idle cores over the last ``IDLE_WINDOW_S``, from Linux's ``/proc/stat`` (proc(5))."""
 
     def __init__(self, path: Path = Path("/proc/stat"), clock: Callable[[], float] = time.monotonic) -> None:
@@ -120,11 +121,11 @@ class Capacity:
         """
         own = self._running.setdefault(session, _Measured())
         own.idle_cores = idle_cores
-        if seconds > SETTLE_S:
+        if seconds > IGNORED_STARTUP_S:
             if in_trial:
                 own.recent.append(cpu_share)
-            if len(own.recent) == MEAN_REPORTS:
-                own.peak = max(own.peak, sum(own.recent) / MEAN_REPORTS)
+            if len(own.recent) == AVERAGED_REPORT_COUNT:
+                own.peak = max(own.peak, sum(own.recent) / AVERAGED_REPORT_COUNT)
             own.missed.append((seconds, missed_ticks))
             while seconds - own.missed[0][0] > WINDOW_S:
                 own.missed.popleft()
@@ -138,12 +139,13 @@ class Capacity:
     def admits(self, running: int, young: int = 0) -> bool:
         """Returns whether one more session can start.
 
-        ``running``: number of running sessions. ``young``: number of sessions that started in the last ``YOUNG_S``.
+        ``running``: number of running sessions. ``young``: number of sessions that started in the last
+        ``WARM_UP_DURATION_S``.
         """
         if running == 0:
             return True
         is_idle = self.idle_cores is None or self.idle_cores >= (1 + young) * self.cpu_share
-        return running < self.sessions and is_idle and self.missed_share <= MAX_MISSED_SHARE
+        return running < self.sessions and is_idle and self.missed_share <= MAX_MISSED_TICK_SHARE
 
 
 def _own_cores() -> int:

@@ -14,8 +14,8 @@ from avrgym.study.storage.rows import StudyEvent, pseudonym_of
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_rows
 
-DELETION_REQUESTED = "deletion requested"
-COPY_REQUESTED = "copy of data requested"
+DELETION_REQUESTED_EVENT = "deletion requested"
+COPY_REQUESTED_EVENT = "copy of data requested"
 INTERVAL_S = 30.0
 
 
@@ -26,7 +26,7 @@ def requested(store: Store, name: str) -> list[str]:
     return [pseudonym_of(number) for number in sorted(filter(None, numbers))]
 
 
-class RequestedDeletions(PollingThread):
+class DeletionThread(PollingThread):
     """Context manager: a thread that deletes data at the request of participants, while no session is running."""
 
     def __init__(self, store: Store, pool: SessionPool) -> None:
@@ -38,7 +38,7 @@ class RequestedDeletions(PollingThread):
         """Delete all requested data. A failed deletion, for example in a locked database, is repeated later."""
         if self._pool.sessions:
             return
-        self._unfinished.update(requested(self._store, DELETION_REQUESTED))
+        self._unfinished.update(requested(self._store, DELETION_REQUESTED_EVENT))
         for pseudonym in sorted(self._unfinished):
             with suppress(StudyError, OSError):
                 delete_participant(self._store, pseudonym)

@@ -12,7 +12,7 @@ from fastapi.concurrency import run_in_threadpool
 from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
-from avrgym.hosting.data_requests import COPY_REQUESTED, requested
+from avrgym.hosting.data_requests import COPY_REQUESTED_EVENT, requested
 from avrgym.hosting.host_state import HostState
 from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import HostedSession, SessionPool
@@ -27,19 +27,19 @@ from avrgym.vr.headset_check import MAX_LATENCY_MS
 from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.authentication import AuthenticatedClient, SameOriginMiddleware
 from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
-from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
+from avrgym.vr.server.web_server import STATIC_FOLDER, make_page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
 COMMANDS: tuple[CommandName, ...] = ("stop", "pause", "continue", "end")
 
 
-class DoorChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class AdmissionRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to open or close the study for new participants and sessions."""
 
     is_open: bool
 
 
-class NewMessage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class MessageRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to show a message on the page of a session's participant."""
 
     text: Annotated[str, msgspec.Meta(min_length=1, max_length=MAX_LINE_LENGTH)]
@@ -77,7 +77,7 @@ def experimenter_app(
     async def change_door(
         request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
-        change = await decode_json_body(request, DoorChange, MAX_BODY_BYTES)
+        change = await decode_json_body(request, AdmissionRequest, MAX_BODY_BYTES)
         name = "open door" if change.is_open else "close door"
         await run_in_threadpool(logged, caller, "", name, lambda: state.set_open(change.is_open))
         return Response(status_code=204)
@@ -86,7 +86,7 @@ def experimenter_app(
     async def send_message(
         session_id: str, request: Request, caller: Annotated[AuthenticatedClient, Depends(experimenter)]
     ) -> Response:
-        message = await decode_json_body(request, NewMessage, MAX_BODY_BYTES)
+        message = await decode_json_body(request, MessageRequest, MAX_BODY_BYTES)
         await run_in_threadpool(
             logged, caller, session_id, "send message", lambda: pool.message(session_id, message.text)
         )
@@ -108,7 +108,7 @@ def experimenter_app(
         app.post(f"/api/sessions/{{session_id}}/{name}")(endpoint(name))
     app.mount("/study", dashboard_app(store, tokens))
     for path, file in (("/", "host.html"), ("/participants", "dashboard.html")):
-        app.get(path)(page_endpoint(file))
+        app.get(path)(make_page_endpoint(file))
     add_session_pages(app, pool, "spectator")
     app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
@@ -126,7 +126,7 @@ def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str
         "waiting": pool.waiting,
         "participants": {state: states.count(state) for state in PARTICIPANT_TRANSITIONS if state in states},
         "problems": [problem] if (problem := object_store_problem(store)) else [],
-        "copies_requested": requested(store, COPY_REQUESTED),
+        "copies_requested": requested(store, COPY_REQUESTED_EVENT),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }
 
@@ -149,11 +149,11 @@ def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
         "missed_ticks": report.missed_ticks,
         "cpu_share": report.cpu_share,
         "crashes": session.crashes,
-        "warnings": warnings_of(session, store.design.max_held_share),
+        "warnings": session_warnings(session, store.design.max_held_share),
     }
 
 
-def warnings_of(session: HostedSession, max_held_share: float) -> list[str]:
+def session_warnings(session: HostedSession, max_held_share: float) -> list[str]:
     """Returns the warnings about a session: errors, crashes, lost connection, high latency and tracking loss."""
     report = session.report
     found = [report.problem] if report.problem else []

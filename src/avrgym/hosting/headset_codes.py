@@ -1,8 +1,8 @@
 """Short codes that open a participant's page on a headset. A headset has no keyboard for a long link.
 
-A code has eight digits, is valid for ``CODE_VALID_S``, and can be used once. Wrong codes are limited to 60 per minute
-over all addresses. With 100 valid codes, a random guess then succeeds after 8 days on average. The limit for a single
-address is lower.
+A code has eight digits, is valid for ``CODE_VALIDITY_S``, and can be used once. Wrong codes are limited to 60 per
+minute over all addresses. With 100 valid codes, a random guess then succeeds after 8 days on average. The limit for a
+single address is lower.
 """
 
 import threading
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError, WrongCodeLimit, random_digits
 
 CODE_DIGITS = 8
-CODE_VALID_S = 300.0
+CODE_VALIDITY_S = 300.0
 MAX_WRONG_CODES_PER_MINUTE = 60
 
 
@@ -37,7 +37,7 @@ class HeadsetCodes:
             code = random_digits(CODE_DIGITS)
             while code in self._codes:
                 code = random_digits(CODE_DIGITS)
-            self._codes[code] = token, now_s + CODE_VALID_S
+            self._codes[code] = token, now_s + CODE_VALIDITY_S
             return code
 
     def exchange(self, digits: str) -> str:

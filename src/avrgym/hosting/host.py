@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from urllib.parse import urlsplit
 
-from avrgym.hosting.addresses import check_address
+from avrgym.hosting.addresses import parse_public_address
 from avrgym.hosting.computers import Computer
-from avrgym.hosting.data_requests import RequestedDeletions
+from avrgym.hosting.data_requests import DeletionThread
 from avrgym.hosting.experimenter_app import experimenter_app
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.host_state import HostState
@@ -76,7 +76,7 @@ class Host:
             public = failed.enter_context(open_listener(host, port, behind_proxy=bool(proxies)))
             own = failed.enter_context(open_listener(LOOPBACK_HOSTS[0], experimenter_port))
             self.port, self.experimenter_port = int(public.getsockname()[1]), int(own.getsockname()[1])
-            self.origin = check_address(address or f"http://localhost:{self.port}")
+            self.origin = parse_public_address(address or f"http://localhost:{self.port}")
             failed.pop_all()
         self.pool = SessionPool(store, settings, self._state, max_sessions, computers=computers)
         self._experimenters = ExperimenterTokens(store)
@@ -116,7 +116,7 @@ class Host:
         self._open.enter_context(self._experimenters)
         self._open.enter_context(self._participants)
         self._open.enter_context(self.pool)
-        self._open.enter_context(RequestedDeletions(self.store, self.pool))
+        self._open.enter_context(DeletionThread(self.store, self.pool))
         self._open.enter_context(RecordingUploads(self.store))
         for server in (self._public, self._experimenter):
             server.start()

@@ -16,7 +16,7 @@ from fastapi.staticfiles import StaticFiles
 from starlette.middleware.trustedhost import TrustedHostMiddleware
 
 from avrgym.hosting.addresses import participant_link
-from avrgym.hosting.data_requests import COPY_REQUESTED, DELETION_REQUESTED, requested
+from avrgym.hosting.data_requests import COPY_REQUESTED_EVENT, DELETION_REQUESTED_EVENT, requested
 from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.host_state import HostState
 from avrgym.hosting.participant_tokens import ParticipantTokens
@@ -25,7 +25,7 @@ from avrgym.hosting.session_pages import add_session_pages
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import HostSettings
 from avrgym.hosting.stages import (
-    SAFETY_CONFIRMED,
+    SAFETY_CONFIRMED_EVENT,
     ConsentStage,
     InclusionStage,
     ReadyStage,
@@ -39,9 +39,9 @@ from avrgym.hosting.stages import (
 from avrgym.models.human import Sex
 from avrgym.study.people.invitations import (
     InvitationError,
-    ServiceIds,
-    check_invitation,
-    enrol_invited,
+    RecruitmentServiceIds,
+    enrol_with_invitation,
+    find_valid_invitation,
 )
 from avrgym.study.people.participants import (
     decline_consent,
@@ -55,21 +55,21 @@ from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.authentication import SameOriginMiddleware
 from avrgym.vr.server.request_body import EmptyRequest, decode_json_body, json_response, make_error_handler
 from avrgym.vr.server.session_links import CodeError, TooManyWrongCodesError
-from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
+from avrgym.vr.server.web_server import STATIC_FOLDER, make_page_endpoint
 
 MAX_BODY_BYTES = 1 << 13
 BURST_PER_ADDRESS, REQUESTS_PER_MINUTE = 30, 30.0
 """Limits of requests without a participant's token, for each address. Several people may share an address."""
 BURST_PER_PARTICIPANT, PARTICIPANT_REQUESTS_PER_MINUTE = 60, 120.0
 """Limits of requests with a participant's token, for each participant."""
-ACCEPTS_NEW = "this study accepts no new participants now"
+STUDY_CLOSED_TEXT = "this study accepts no new participants now"
 
 Token = Annotated[str, msgspec.Meta(max_length=128)]
-ServiceId = Annotated[str, msgspec.Meta(max_length=120)]
+RecruitmentServiceId = Annotated[str, msgspec.Meta(max_length=120)]
 Age = Annotated[int, msgspec.Meta(ge=0, le=130)]
 
 
-class GivenInvitation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class InvitationRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Request to read an invitation. ``token``: the token in the invitation's link."""
 
     token: Token
@@ -82,9 +82,9 @@ class Enrolment(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sex: Sex
     age_years: Age | None = None
     language: Annotated[str, msgspec.Meta(max_length=35)] = ""
-    participant: ServiceId = ""
-    study: ServiceId = ""
-    session: ServiceId = ""
+    participant: RecruitmentServiceId = ""
+    study: RecruitmentServiceId = ""
+    session: RecruitmentServiceId = ""
 
 
 class ConsentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -150,7 +150,7 @@ def _include(own: Participation, pseudonym: str, inclusion: InclusionRequest) ->
 
 def _confirm_safety(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
     own.check_stage(pseudonym, SafetyStage)
-    record_participant_event(own.store, pseudonym, SAFETY_CONFIRMED)
+    record_participant_event(own.store, pseudonym, SAFETY_CONFIRMED_EVENT)
 
 
 def _wait(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
@@ -173,12 +173,12 @@ def _request_deletion(own: Participation, pseudonym: str, _: EmptyRequest) -> No
     own.pool.leave(pseudonym)
     if own.store.participant(pseudonym).state not in ("withdrawn", "excluded"):
         withdraw(own.store, pseudonym, "on the participant's page")
-    record_participant_event(own.store, pseudonym, DELETION_REQUESTED)
+    record_participant_event(own.store, pseudonym, DELETION_REQUESTED_EVENT)
 
 
 def _request_copy(own: Participation, pseudonym: str, _: EmptyRequest) -> None:
-    if pseudonym not in requested(own.store, COPY_REQUESTED):
-        record_participant_event(own.store, pseudonym, COPY_REQUESTED)
+    if pseudonym not in requested(own.store, COPY_REQUESTED_EVENT):
+        record_participant_event(own.store, pseudonym, COPY_REQUESTED_EVENT)
 
 
 ACTIONS: dict[str, tuple[type[msgspec.Struct], Callable[[Participation, str, Any], None]]] = {
@@ -234,8 +234,8 @@ def participant_app(
 
     @app.post("/api/invitation", dependencies=[Depends(limited)])
     async def read_invitation(request: Request) -> Response:
-        given = await decode_json_body(request, GivenInvitation, MAX_BODY_BYTES)
-        await run_in_threadpool(check_invitation, own.store, given.token)
+        given = await decode_json_body(request, InvitationRequest, MAX_BODY_BYTES)
+        await run_in_threadpool(find_valid_invitation, own.store, given.token)
         _check_open(own.state)
         return json_response({"title": own.store.design.title, "languages": _languages(own.store)})
 
@@ -244,13 +244,13 @@ def participant_app(
         given = await decode_json_body(request, Enrolment, MAX_BODY_BYTES)
         _check_open(own.state)
         _, token = await run_in_threadpool(
-            enrol_invited,
+            enrol_with_invitation,
             own.store,
             given.token,
             given.sex,
             age_years=given.age_years,
             language=given.language,
-            service=ServiceIds(given.participant, given.study, given.session),
+            service=RecruitmentServiceIds(given.participant, given.study, given.session),
         )
         await run_in_threadpool(tokens.participants.poll)
         return json_response({"token": token, "link": participant_link(own.origin, token)})
@@ -282,16 +282,16 @@ def participant_app(
     for name, (kind, act) in ACTIONS.items():
         app.post(f"/api/{name}")(_endpoint(own, participant, kind, act))
     add_session_pages(app, own.pool)
-    app.get("/")(page_endpoint("participate.html"))
+    app.get("/")(make_page_endpoint("participate.html"))
     app.mount("/assets", StaticFiles(directory=STATIC_FOLDER / "assets"))
-    app.get("/favicon.svg")(page_endpoint("favicon.svg"))
+    app.get("/favicon.svg")(make_page_endpoint("favicon.svg"))
     app.get("/api/settings")(lambda: json_response(msgspec.to_builtins(own.settings.parameters)))
     return app
 
 
 def _check_open(state: HostState) -> None:
     if not state.is_open:
-        raise InvitationError("closed", ACCEPTS_NEW)
+        raise InvitationError("closed", STUDY_CLOSED_TEXT)
 
 
 def _languages(store: Store) -> list[dict[str, str]]:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-MAX_KEYS = 10_000
+MAX_STORED_KEYS = 10_000
 """Maximum number of stored keys. Above it, the key with the oldest request is removed."""
 
 
@@ -29,7 +29,7 @@ class RateLimits:
             left = min(left + (now_s - seen_s) * self._per_s, self._burst)
             allowed = left >= 1.0
             self._buckets[key] = left - allowed, now_s
-            if len(self._buckets) > MAX_KEYS:
+            if len(self._buckets) > MAX_STORED_KEYS:
                 self._buckets.popitem(last=False)
             return allowed
 

@@ -7,10 +7,10 @@ from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.responses import FileResponse
 
 from avrgym.hosting.session_pool import SessionPool
-from avrgym.vr.server.web_server import STATIC_FOLDER, page_endpoint
+from avrgym.vr.server.web_server import STATIC_FOLDER, make_page_endpoint
 
 PAGE = "index.html"
-SESSION_TIMEOUT_S = 30.0
+SESSION_RESPONSE_TIMEOUT_S = 30.0
 
 
 def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
@@ -26,7 +26,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
         return session.address
 
     app.get(f"/session/{{session_id}}/{path}")(
-        page_endpoint(PAGE)
+        make_page_endpoint(PAGE)
     )  # the page also explains that a session has ended
 
     @app.get("/session/{session_id}/assets/{name}")
@@ -35,7 +35,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
             raise HTTPException(404, "no such file")
         return FileResponse(STATIC_FOLDER / "assets" / name)
 
-    app.get("/session/{session_id}/favicon.svg")(page_endpoint("favicon.svg"))
+    app.get("/session/{session_id}/favicon.svg")(make_page_endpoint("favicon.svg"))
 
     @app.get("/session/{session_id}/scenes/{name}")
     def scene(session_id: str, name: str, request: Request) -> Response:
@@ -46,21 +46,21 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
         return _passed_on(address_of(session_id), f"/sounds/{language}/{name}", request)
 
 
-PASSED_REQUEST_HEADERS = ("authorization", "if-none-match")
-PASSED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
+FORWARDED_REQUEST_HEADERS = ("authorization", "if-none-match")
+FORWARDED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
 
 
 def _passed_on(address: tuple[str, int], path: str, request: Request) -> Response:
     """Returns the response of the session's server."""
     if not all(character.isalnum() or character in "/._-" for character in path):
         raise HTTPException(404, "no such file")
-    headers = {name: request.headers[name] for name in PASSED_REQUEST_HEADERS if name in request.headers}
+    headers = {name: request.headers[name] for name in FORWARDED_REQUEST_HEADERS if name in request.headers}
     headers["host"] = f"localhost:{address[1]}"
-    connection = HTTPConnection(*address, timeout=SESSION_TIMEOUT_S)
+    connection = HTTPConnection(*address, timeout=SESSION_RESPONSE_TIMEOUT_S)
     try:
         connection.request("GET", path, headers=headers)
         response = connection.getresponse()
-        passed = {name: value for name in PASSED_RESPONSE_HEADERS if (value := response.headers.get(name))}
+        passed = {name: value for name in FORWARDED_RESPONSE_HEADERS if (value := response.headers.get(name))}
         return Response(response.read(), response.status, passed)
     except (OSError, HttpError):
         raise HTTPException(503, "the server of this session is starting; wait a few seconds") from None

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from typing import Literal
 
-from avrgym.hosting.capacity import YOUNG_S
+from avrgym.hosting.capacity import WARM_UP_DURATION_S
 from avrgym.hosting.computers import Computer, SessionWorker, ThisComputer
 from avrgym.hosting.host_state import HostState, RunningSession
 from avrgym.hosting.session_process import (
     Ended,
-    FromHost,
-    FromSession,
+    MessageFromHost,
+    MessageFromSession,
     MessageToParticipant,
     Report,
     SessionCommand,
@@ -38,10 +38,10 @@ MAX_CRASHES = 5
 """After this number of crashes, the process of a session is not replaced. The participant can start a new session."""
 END_TIMEOUT_S = 60.0
 """Time after the deadline for the questions after a session. Then its process ends."""
-ID_BYTES = 12
-SECONDS_PER_ITEM = 10.0
+SESSION_ID_BYTES = 12
+EXPECTED_ITEM_TIME_S = 10.0
 """Assumed time for an answer, used before any session was measured."""
-SECONDS_BEFORE_TRIALS = 180.0
+EXPECTED_PREPARATION_TIME_S = 180.0
 """Assumed time for headset check and calibration, used before any session was measured."""
 
 State = Literal["starting", "running", "ending"]
@@ -174,7 +174,7 @@ class SessionPool:
         with self._lock:
             return next((each for each in self._sessions.values() if each.pseudonym == pseudonym), None)
 
-    def error_of(self, pseudonym: str) -> str:
+    def session_error_of(self, pseudonym: str) -> str:
         """Returns the error of the participant's latest session; empty if it did not fail."""
         return self._failed.get(pseudonym, "")
 
@@ -230,10 +230,10 @@ class SessionPool:
             return statistics.median(self._durations_s)
         design = self._store.design
         trial_s = 0.1 * design.trial_steps + 2.0 * design.free_movement_s
-        items_s = SECONDS_PER_ITEM * len(design.items_at_moment("after_trial"))
+        items_s = EXPECTED_ITEM_TIME_S * len(design.items_at_moment("after_trial"))
         trials = len(design.tasks) * len(design.robot_policy_pairs)
         practice_s = len(design.tasks) * trial_s if design.practice_policy else 0.0
-        planned_s = SECONDS_BEFORE_TRIALS + practice_s + trials * (trial_s + items_s)
+        planned_s = EXPECTED_PREPARATION_TIME_S + practice_s + trials * (trial_s + items_s)
         return min(planned_s, 60.0 * self._settings.session_minutes)
 
     # The stored state -------------------------------------------------------------------------------------------------
@@ -300,7 +300,7 @@ class SessionPool:
         """Read all messages of a session. Returns whether the session has ended without a crash."""
         with suppress(EOFError, OSError):
             while session.pipe.poll():
-                received: FromSession = session.pipe.recv()
+                received: MessageFromSession = session.pipe.recv()
                 match received:
                     case Ended():
                         return True
@@ -370,7 +370,7 @@ class SessionPool:
         if computer is None:
             return
         self._waiting.leave(pseudonym)
-        session_id, link = secrets.token_hex(ID_BYTES), new_link()
+        session_id, link = secrets.token_hex(SESSION_ID_BYTES), new_link()
         process, pipe = computer.start(self._request(pseudonym, link))
         self._sessions[session_id] = HostedSession(
             session_id, pseudonym, link, computer, process, pipe, now_s, process_began_s=now_s
@@ -379,7 +379,7 @@ class SessionPool:
     def _admits(self, computer: Computer, now_s: float) -> bool:
         """Returns whether another session can start on a computer. On each computer, one session starts at a time."""
         own = [each for each in self._sessions.values() if each.computer is computer]
-        young = sum(now_s - each.process_began_s < YOUNG_S for each in own)
+        young = sum(now_s - each.process_began_s < WARM_UP_DURATION_S for each in own)
         is_starting = any(each.state == "starting" for each in own)
         return not is_starting and computer.capacity.admits(len(own), young)
 
@@ -396,7 +396,7 @@ class SessionPool:
     def _request(self, pseudonym: str, link: str) -> SessionRequest:
         return SessionRequest(self._store.folder, pseudonym, link, self._settings.headset_check)
 
-    def _send(self, session_id: str, command: FromHost) -> None:
+    def _send(self, session_id: str, command: MessageFromHost) -> None:
         with self._lock:
             session = self.find(session_id)
             if session is None or session.state == "starting":

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from avrgym.hosting.capacity import IdleCores
+from avrgym.hosting.capacity import IdleCoreMonitor
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.people.experimenters import ExperimenterTokens
 from avrgym.study.sessions.serving import StudySessions
@@ -101,8 +101,8 @@ class MessageToParticipant:
     text: str
 
 
-FromHost = SessionCommand | MessageToParticipant
-FromSession = Report | Ended | str
+MessageFromHost = SessionCommand | MessageToParticipant
+MessageFromSession = Report | Ended | str
 """Messages to the host. A text is the error that prevented the start of the session."""
 
 
@@ -201,13 +201,13 @@ def _watch(
     """Report the session's state and execute commands, until the session or the host has ended."""
     began_s = reported_s = time.monotonic()
     used_s = time.process_time()
-    idle_cores = IdleCores()
+    idle_cores = IdleCoreMonitor()
     pipe.send(replace(collector.latest, port=server.port, host=server.host))
     session_id = store.sessions(server.session.participant or "")[-1].id
     while server.loop.error is None:
         if pipe.poll(POLL_INTERVAL_S):
             try:
-                command: FromHost = pipe.recv()
+                command: MessageFromHost = pipe.recv()
             except (EOFError, ConnectionError):
                 return
             _execute(
@@ -237,7 +237,7 @@ def _watch(
 
 
 def _execute(
-    command: FromHost, server: LiveServer[StudySessions], record: Callable[[str, str], object]
+    command: MessageFromHost, server: LiveServer[StudySessions], record: Callable[[str, str], object]
 ) -> None:
     match command:
         case SessionCommand():

@@ -14,7 +14,7 @@ from avrgym.study.storage.sessions import close_session, open_session
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, find_rows, record_event
 
-SAFETY_CONFIRMED = "safety confirmed"
+SAFETY_CONFIRMED_EVENT = "safety confirmed"
 ENDINGS: Mapping[str, str] = {"excluded": "screened_out", "withdrawn": "withdrawn", "completed": "completed"}
 """Last page (a field of ``HostSettings``) by final state of a participant."""
 
@@ -113,21 +113,25 @@ def _session_stage(
         return SessionStage(f"session/{session.id}/", session.link)
     place = pool.place(pseudonym)
     if place is not None:
-        return WaitingStage(place.position, rounded_minutes(place.wait_s))
+        return WaitingStage(place.position, minutes_rounded_up(place.wait_s))
     if _is_finished(store, pool, pseudonym):
         close_session(store, open_session(store, pseudonym).id)  # the participant is completed then
         return stage_of(store, settings, pool, pseudonym, is_open=is_open)
     remaining = len(store.remaining_trials(pseudonym))
-    return ReadyStage(rounded_minutes(pool.session_s), remaining, is_open, pool.error_of(pseudonym))
+    return ReadyStage(
+        minutes_rounded_up(pool.session_s), remaining, is_open, pool.session_error_of(pseudonym)
+    )
 
 
 def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
     """Returns whether no trial or question remains. The database does not contain this if the last process crashed."""
-    has_questions = bool(store.design.items_at_moment("after_session")) and not pool.error_of(pseudonym)
+    has_questions = bool(store.design.items_at_moment("after_session")) and not pool.session_error_of(
+        pseudonym
+    )
     return not has_questions and not has_unfinished_trials(store, pseudonym)
 
 
-def rounded_minutes(seconds: float) -> int:
+def minutes_rounded_up(seconds: float) -> int:
     """Returns the time in minutes, rounded up."""
     return -int(-seconds // 60.0)
 
@@ -135,7 +139,9 @@ def rounded_minutes(seconds: float) -> int:
 def has_confirmed_safety(store: Store, participant: Participant) -> bool:
     """Returns whether the participant has confirmed that chair and room are prepared."""
     with store.database.read_transaction() as connection:
-        return bool(find_rows(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED))
+        return bool(
+            find_rows(connection, StudyEvent, participant=participant.number, name=SAFETY_CONFIRMED_EVENT)
+        )
 
 
 def record_participant_event(store: Store, pseudonym: str, name: str, detail: str = "") -> None:

@@ -27,9 +27,9 @@ FORWARDED_HEADERS = (
     b"sec-websocket-version",
     b"user-agent",
 )
-START_WAIT_S = 8.0
+SESSION_START_TIMEOUT_S = 8.0
 """Maximum waiting time for a session's process. The page connects again after 10 s."""
-START_POLL_S = 0.1
+START_POLL_INTERVAL_S = 0.1
 MAX_BUFFER_BYTES = 1 << 18
 """Maximum number of buffered bytes in one direction. Above it, reading from the other side pauses."""
 MAX_TUNNELS_PER_SESSION = 8
@@ -85,7 +85,7 @@ class Tunnels:
         match = PATH.fullmatch(line)
         if match is None:
             return None
-        found = headers_of(fields)
+        found = parse_headers(fields)
         host, origin = found.get(b"host", b"").decode("latin-1"), found.get(b"origin", b"").decode("latin-1")
         channel = match[2].decode()
         valid = host in self.rules.hosts and (not origin or origin in self.rules.origins)
@@ -95,7 +95,7 @@ class Tunnels:
         return session_id, channel
 
 
-def headers_of(lines: list[bytes]) -> dict[bytes, bytes]:
+def parse_headers(lines: list[bytes]) -> dict[bytes, bytes]:
     """Returns the headers of a request by lower-case name. If a header occurs several times, the last value is used."""
     pairs = (line.partition(b":") for line in lines if line)
     return {name.strip().lower(): value.strip() for name, _, value in pairs}
@@ -209,13 +209,13 @@ class _Tunnel(asyncio.Protocol):
 
     async def _address(self) -> tuple[str, int] | None:
         """Wait for the session's process. Returns address and port of its server; ``None`` if it has ended."""
-        for _ in range(int(START_WAIT_S / START_POLL_S)):
+        for _ in range(int(SESSION_START_TIMEOUT_S / START_POLL_INTERVAL_S)):
             session = self._tunnels.rules.pool.find(self._id)
             if session is None:
                 return None
             if session.address is not None and session.process.is_alive():
                 return session.address
-            await asyncio.sleep(START_POLL_S)
+            await asyncio.sleep(START_POLL_INTERVAL_S)
         return None
 
 
@@ -246,7 +246,7 @@ class _SessionSide(asyncio.Protocol):
 
 def _repeated(request: bytes, channel: str, port: int) -> bytes:
     """Returns the request for the session's server. Only ``FORWARDED_HEADERS`` are copied; cookies are removed."""
-    found = headers_of(request.split(b"\r\n")[1:])
+    found = parse_headers(request.split(b"\r\n")[1:])
     lines = [f"GET /{channel} HTTP/1.1".encode(), f"host: localhost:{port}".encode()]
     lines += [name + b": " + found[name] for name in FORWARDED_HEADERS if name in found]
     return b"\r\n".join([*lines, b"", b""])

@@ -5,7 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from avrgym.learning.evaluation import Evaluation, StepReporter, evaluate_all
-from avrgym.people.impairments import find_impairment
+from avrgym.people.impairments import parse_impairment
 from avrgym.policies import registry
 from avrgym.simulation.engines.engine import check_engine_name
 from avrgym.system.engines import THREADS
@@ -55,7 +55,7 @@ def cross_play(
         ValueError: before the evaluation, for an unknown name; the message contains the allowed values. With
             ``leave_out``: only if a name is unknown in every environment, or if all evaluations fail.
     """
-    find_impairment(impairment)
+    parse_impairment(impairment)
     check_engine_name(engine)
     for environment_id in environment_ids:
         find_environment(environment_id)

@@ -15,7 +15,7 @@ from avrgym.policies.trained import Policy
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads, RegionStatistics, region_statistics
 from avrgym.simulation.engines.engine import check_engine_name
 from avrgym.system.engines import THREADS
-from avrgym.system.jobs import core_count, report_progress, starmap
+from avrgym.system.jobs import available_core_count, report_progress, starmap
 from avrgym.system.random_streams import TEST, Split, evaluation_generators
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -206,7 +206,7 @@ def evaluate_all(
         )
     check_engine_name(engine)
     total = len(environment_ids) * episodes
-    available = core_count() if cluster is None else cluster.max_parallel_calls
+    available = available_core_count() if cluster is None else cluster.max_parallel_calls
     jobs = jobs or (min(available, max(1, total // MIN_EPISODES_PER_PROCESS)) if engine == THREADS else 1)
     threads = max(1, available // jobs) if cluster is None else 1
     parts = _parts(episodes, min(MAX_WORLDS_PER_BATCH, -(-total // jobs)))

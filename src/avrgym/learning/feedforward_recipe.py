@@ -23,7 +23,7 @@ from stable_baselines3.common.utils import configure_logger
 from avrgym.array_types import BoolArray
 from avrgym.learning import ppo
 from avrgym.learning.configuration import FeedforwardConfiguration, stored_people_path
-from avrgym.learning.hard_episodes import HardEpisodes
+from avrgym.learning.hard_episodes import HardEpisodeSampler
 from avrgym.learning.hyperparameters import IMITATION_HYPERPARAMETERS
 from avrgym.learning.imitation import Demonstration, Demonstrations, fit_actor
 from avrgym.learning.normaliser import ObservationScales, observation_of
@@ -36,7 +36,7 @@ from avrgym.people.populations import is_trained_human, people_for_workers, popu
 from avrgym.system import random_streams
 from avrgym.system.engines import THREADS
 from avrgym.system.files import read_user_text
-from avrgym.tasks.human_view import human_observer_of
+from avrgym.tasks.human_view import make_human_observer
 from avrgym.tasks.registry import observation_and_action_size
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def check_configuration(
 
 def _check_pairing(environment: str, people: str) -> None:
     """Raises ``ValueError`` if the human has no actions in the environment, or is a trained human."""
-    _, joints = human_observer_of(environment)
+    _, joints = make_human_observer(environment)
     if not joints:
         raise ValueError(
             f"people have no actions in {environment}; allowed for `--recipe pair`: tasks with moving people"
@@ -141,7 +141,7 @@ class FeedforwardRecipe:
             )  # raises ValueError now if the device does not have enough memory
         self._agents = _agents(configuration, out)
         self._demonstrations = Demonstrations(out, Demonstration)
-        self._hard = HardEpisodes(configuration.num_envs, configuration.hard_share, configuration.seed)
+        self._hard = HardEpisodeSampler(configuration.num_envs, configuration.hard_share, configuration.seed)
         self._latest: list[tuple[float, bool]] = []
         self._log_is_open = False
 
@@ -254,7 +254,7 @@ class FeedforwardRecipe:
         requests = [
             RolloutRequest(
                 settings=self._settings[engine],
-                first_world=int(worlds[0]),
+                first_world_index=int(worlds[0]),
                 episode_seeds=episodes[worlds],
                 noise_seed=noise_seed,
                 expert_controlled=None if expert_drives is None else expert_drives[worlds],
@@ -313,5 +313,5 @@ def _agents(configuration: FeedforwardConfiguration, out: Path) -> list[ppo.Agen
         (observation_of(environment), observation_and_action_size(environment)[1])
     ]
     if configuration.pairing is not None:
-        sides.append(human_observer_of(environment))
+        sides.append(make_human_observer(environment))
     return [ppo.make_agent(configuration, observation, actions, out) for observation, actions in sides]

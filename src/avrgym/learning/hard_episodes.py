@@ -15,7 +15,7 @@ MAX_STORED_EPISODES = 256
 """Maximum number of stored seeds. The oldest seeds are deleted first."""
 
 
-class HardEpisodes:
+class HardEpisodeSampler:
     """Chooses the episodes of N worlds: new episodes, and episodes that failed before. A seed identifies each episode.
 
     ``stored`` contains the seeds of failed episodes, the newest at the end. ``repeated`` is the number of repeated

@@ -22,15 +22,15 @@ from avrgym.models.scene import SceneConfig
 from avrgym.policies.lerobot import ENVIRONMENT_STATE, IMAGES, state_features
 from avrgym.policies.lerobot import STATE as STATE_FEATURE
 from avrgym.system.files import write_atomically
-from avrgym.tasks.observation import Observation, measured_by_robot, value_names
+from avrgym.tasks.observation import Observation, robot_measured_mask, value_names
 
 FORMAT_VERSION = "v3.0"
 FILE = "chunk-000/file-000.parquet"
-PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
+DATA_FILE_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 """Path pattern of data files, as in ``info.json`` of the format."""
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Quantiles, by their names in the format. Policies with quantile normalisation need q01 and q99."""
-UNUSED_STATE = "environment_state"
+UNUSED_STATE_FEATURE = "environment_state"
 """Feature of the values that the robot does not measure, in a dataset with images. Without the prefix
 ``observation``, LeRobot's policies do not use it: they should see the person in the images."""
 Columns = Mapping[str, NumpyArray]
@@ -60,7 +60,7 @@ class DatasetEpisode:
         """Returns the values of the features that policies use, and of results, by their names in LeRobot."""
         states = state_features(observation, np.asarray(self.observations, np.float32))
         if self.images and ENVIRONMENT_STATE in states:
-            states[UNUSED_STATE] = states.pop(ENVIRONMENT_STATE)
+            states[UNUSED_STATE_FEATURE] = states.pop(ENVIRONMENT_STATE)
         count = len(self.actions)
         return {
             **states,
@@ -165,7 +165,7 @@ class DatasetWriter:
             "video_files_size_in_mb": 200,
             "fps": self._control_hz,
             "splits": {"train": f"0:{len(self._rows)}"},
-            "data_path": f"data/{PATTERN}",
+            "data_path": f"data/{DATA_FILE_PATTERN}",
             "video_path": None,
             "features": self._features,
         }
@@ -178,12 +178,12 @@ class DatasetWriter:
         shape = list(values.shape[1:]) or [1]
         if values.ndim == 4:
             return {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}
-        measured = measured_by_robot(self._observation)
+        measured = robot_measured_mask(self._observation)
         named = np.array(value_names(self._observation))
         names = {
             STATE_FEATURE: named[measured],
             ENVIRONMENT_STATE: named[~measured],
-            UNUSED_STATE: named[~measured],
+            UNUSED_STATE_FEATURE: named[~measured],
             "action": np.array(self._scene.action_names),
         }.get(name)
         return {

@@ -32,7 +32,7 @@ from avrgym.learning.recipe import UpdateResults
 from avrgym.learning.recurrent_network import RecurrentNetwork, fit_network
 from avrgym.learning.recurrent_ppo import RecurrentPPO
 from avrgym.learning.rollouts import Rollout, RolloutRequest, WorldSettings, roll_out
-from avrgym.learning.tool_loss import ToolMotion, tool_motion_loss
+from avrgym.learning.tool_loss import ToolMotionModel, tool_motion_loss
 from avrgym.people.population_names import ASSISTIVE_GYM_IMPAIRMENTS, REVISED
 from avrgym.policies import registry
 from avrgym.policies.trained import Policy, PolicyMetadata
@@ -40,7 +40,7 @@ from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 
-STATIONARY_PARTNER = (REVISED, "none")
+STATIONARY_POPULATION = (REVISED, "none")
 """Population and impairment of the static people."""
 TEACHER_FILE, INITIAL_POLICY_FILE = "teacher.safetensors", "initial.safetensors"
 """Copies of the teacher and of the initial policy in the folder of a training run."""
@@ -105,7 +105,7 @@ class RecurrentRecipe:
         self._initial = None if configuration.initial is None else Policy.load(out / INITIAL_POLICY_FILE)
         observation_size, action_size = observation_and_action_size(configuration.environment)
         _, scene = task_and_scene(configuration.environment, configuration.settings)
-        self._tool_motion = ToolMotion(scene)
+        self._tool_motion = ToolMotionModel(scene)
         self._normaliser = Normaliser(
             observation_of(configuration.environment), RECURRENT_HYPERPARAMETERS.gamma
         )
@@ -176,7 +176,7 @@ class RecurrentRecipe:
         expert_drives = random.random(configuration.num_envs) < RECURRENT_HYPERPARAMETERS.expert_share**number
         turn, still = divmod(number, 2)
         impairment = ASSISTIVE_GYM_IMPAIRMENTS[turn % len(ASSISTIVE_GYM_IMPAIRMENTS)]
-        partner = STATIONARY_PARTNER if still else (self._people, impairment)
+        partner = STATIONARY_POPULATION if still else (self._people, impairment)
         request = RolloutRequest(
             self._settings(*partner),
             0,
@@ -202,7 +202,7 @@ class RecurrentRecipe:
         policy, seeds = self._policy(action_std), self._episode_seeds(number)
         partners = [
             *((self._people, impairment) for impairment in ASSISTIVE_GYM_IMPAIRMENTS),
-            STATIONARY_PARTNER,
+            STATIONARY_POPULATION,
         ]
         parts = np.array_split(np.arange(configuration.num_envs), len(partners))
         requests = [
@@ -251,7 +251,7 @@ class RecurrentRecipe:
             configuration.threads,
             force_guard=configuration.force_guard,
             withdraw_after_success=configuration.withdraw_after_success,
-            episode_settings=configuration.settings,
+            environment_settings=configuration.settings,
             episode_steps=configuration.episode_steps,
         )
 

@@ -44,7 +44,7 @@ class WorldSettings:
     engine: str = THREADS
     force_guard: bool = False
     withdraw_after_success: bool = False
-    episode_settings: Settings = DEFAULT_SETTINGS
+    environment_settings: Settings = DEFAULT_SETTINGS
     episode_steps: int = EPISODE_STEPS
 
 
@@ -54,7 +54,7 @@ class RolloutRequest:
 
     Attributes:
         settings: settings of the worlds.
-        first_world: number of the first of these worlds in the training run.
+        first_world_index: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
         noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These
             and the number of the world are the seed of the exploration noise. ``None``: no noise.
@@ -70,7 +70,7 @@ class RolloutRequest:
     """
 
     settings: WorldSettings
-    first_world: int
+    first_world_index: int
     episode_seeds: NDArray[np.int64]
     noise_seed: tuple[int, int] | None = None
     expert_controlled: BoolArray | None = None
@@ -259,7 +259,7 @@ def _noise(policy: Policy, stream: NoiseGeneratorFactory, request: RolloutReques
     if request.noise_seed is None:
         return np.zeros((length, count, policy.action_size))
     seed, steps = request.noise_seed
-    worlds = range(request.first_world, request.first_world + count)
+    worlds = range(request.first_world_index, request.first_world_index + count)
     return np.stack([stream(seed, steps, world).standard_normal(shape) for world in worlds], axis=1)
 
 
@@ -308,5 +308,5 @@ def cached_worlds(
         human_actions=human_actions,
         by_region=by_region,
         force_guard=settings.force_guard,
-        settings=settings.episode_settings,
+        settings=settings.environment_settings,
     )

@@ -10,7 +10,7 @@ from msgspec import Meta
 from avrgym.learning.configuration import FeedforwardConfiguration, configuration_for
 from avrgym.learning.hyperparameter_files import as_value_error, changed_hyperparameters, read_toml
 from avrgym.people.distributions import NAMED_DISTRIBUTIONS
-from avrgym.people.impairments import find_impairment
+from avrgym.people.impairments import parse_impairment
 from avrgym.people.population_names import ORIGINAL
 from avrgym.tasks.registry import find_environment
 from avrgym.tasks.world_people import environment_populations
@@ -76,7 +76,7 @@ def plan_training_runs(sweep: Sweep, where: str) -> dict[str, list[PlannedTraini
     Raises:
         ValueError: for an unknown environment, people, impairment or setting. The message contains the allowed values.
     """
-    find_impairment(sweep.impairment)
+    parse_impairment(sweep.impairment)
     groups: dict[str, list[PlannedTrainingRun]] = {}
     for environment, people in product(dict.fromkeys(sweep.environments), dict.fromkeys(sweep.people)):
         find_environment(environment)

@@ -20,14 +20,14 @@ from avrgym.tasks.placement import arm_chain
 TRANSLATION_UNIT_M, ROTATION_UNIT_RAD = 0.02, 0.2
 """Units of the tool's translation and rotation in a control step. With a lever arm of 0.1 m, a rotation of one unit
 moves a point by one unit."""
-HALF_WEIGHT_MOTION = 0.25
+HALF_WEIGHT_TOOL_MOTION = 0.25
 """Demonstrated motion at which the weight of the error is a half: 0.25 units, which is 5 mm or 0.05 rad. At ten times
 this motion the weight is about 0.01."""
 ACTION_ERROR_WEIGHT = 0.1
 """Weight of the squared action error. It penalises errors of the elbow that do not move the tool."""
 
 
-class ToolMotion:
+class ToolMotionModel:
     """Computes the tool's motion from the actions of a scene's robot."""
 
     def __init__(self, scene: SceneConfig) -> None:
@@ -51,12 +51,12 @@ class ToolMotion:
 
 
 def tool_motion_loss(actions: Tensor, demonstrated: Tensor, motion_per_action: Tensor) -> Tensor:
-    """Returns the mean squared error of the tool's motion and of the actions, weighted by ``HALF_WEIGHT_MOTION``.
+    """Returns the mean squared error of the tool's motion and of the actions, weighted by ``HALF_WEIGHT_TOOL_MOTION``.
 
     ``actions`` and ``demonstrated`` actions are (..., A). ``motion_per_action`` (..., 6, A) is from
-    ``ToolMotion.scaled_action_jacobian``.
+    ``ToolMotionModel.scaled_action_jacobian``.
     """
     error = actions - demonstrated
     motion, motion_error = ((motion_per_action @ each[..., None])[..., 0] for each in (demonstrated, error))
     squared = motion_error.square().mean(dim=-1) + ACTION_ERROR_WEIGHT * error.square().mean(dim=-1)
-    return (squared / (1.0 + motion.square().sum(dim=-1) / HALF_WEIGHT_MOTION**2)).mean()
+    return (squared / (1.0 + motion.square().sum(dim=-1) / HALF_WEIGHT_TOOL_MOTION**2)).mean()

@@ -38,7 +38,7 @@ from avrgym.learning.ppo import TENSORBOARD_FOLDER
 from avrgym.learning.recipe import LearningCurvePoint, Recipe
 from avrgym.learning.recurrent_recipe import RecurrentRecipe
 from avrgym.learning.visual_recipe import VisualRecipe
-from avrgym.people.impairments import find_impairment
+from avrgym.people.impairments import parse_impairment
 from avrgym.people.populations import HUMAN_POLICY_FILE, is_trained_human
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.simulation.engines.engine import check_engine_available
@@ -69,7 +69,7 @@ STORED_RESULT_NAMES = ("episodes", "success_rate", "reward_mean", "reward_std", 
 """Names of the results of the final evaluation that the policy file contains."""
 MAX_CURVE_POINTS = 100
 """Maximum number of points of the learning curve in a policy file."""
-BYTES_PER_WORLD = 4 << 20
+ASSUMED_BYTES_PER_WORLD = 4 << 20
 """Assumed memory of a world and its share of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
 
 
@@ -199,12 +199,12 @@ def _check(configuration: AnyConfiguration, people: str, cluster: "Cluster | Non
                 "the recipes adaptive and visual cannot use a cluster; remove --cluster, or choose another --recipe"
             )
         return
-    find_impairment(configuration.impairment)
+    parse_impairment(configuration.impairment)
     check_engine_available(configuration.engine)
     feedforward_recipe.check_configuration(configuration, people, cluster)
     if cluster is not None:
         worlds = -(-configuration.num_envs // feedforward_recipe.num_rollout_requests(configuration, cluster))
-        cluster.reserve_memory(worlds * BYTES_PER_WORLD)
+        cluster.reserve_memory(worlds * ASSUMED_BYTES_PER_WORLD)
 
 
 def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") -> None:
@@ -212,7 +212,7 @@ def _check_memory(configuration: AnyConfiguration, cluster: "Cluster | None") ->
     observation, action = observation_and_action_size(configuration.environment)
     episode = configuration.episode_steps * (3 * observation + 2 * action + 8) * np.dtype(np.float32).itemsize
     worlds = configuration.num_envs
-    needed, available = worlds * (episode if cluster else BYTES_PER_WORLD), total_memory_bytes()
+    needed, available = worlds * (episode if cluster else ASSUMED_BYTES_PER_WORLD), total_memory_bytes()
     if available is not None and needed > available:
         raise ValueError(
             f"{worlds} worlds need {needed / 2**30:.1f} GiB of memory; this computer has "

@@ -95,11 +95,11 @@ class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return {f"{self.name}_{kind}": format_of_kind[kind] for kind in self.kinds}
 
 
-AnyCamera = CameraSpec | str | Mapping[str, Any]
+CameraDescription = CameraSpec | str | Mapping[str, Any]
 """A description of a camera: a ``CameraSpec``, its fields, its name, or a text such as ``wrist:128x96:rgb+depth``."""
 
 
-def parse_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
+def parse_cameras(cameras: Iterable[CameraDescription], scene_robot: robot.Robot) -> tuple[CameraSpec, ...]:
     """Convert descriptions of cameras to ``CameraSpec`` records, and check them for a robot. Returns the records.
 
     Raises:
@@ -123,7 +123,7 @@ def parse_cameras(cameras: Iterable[AnyCamera], scene_robot: robot.Robot) -> tup
     return found
 
 
-def _as_camera(camera: AnyCamera) -> CameraSpec:
+def _as_camera(camera: CameraDescription) -> CameraSpec:
     if isinstance(camera, CameraSpec):
         return camera
     try:

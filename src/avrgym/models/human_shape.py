@@ -66,7 +66,7 @@ STORED_POSITION_RANGE_M, STORED_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0
 mouth."""
 ARM_SEGMENTS = ("upper_arm", "forearm")
 """Arm segments that are scaled by ``Person.arm_scale``."""
-CROWN_STRETCH_SHARE = 0.5
+HEAD_STRETCH_SHARE = 0.5
 """Stretch of the head above the mouth as a share of the torso's stretch. The head's collision sphere moves equally."""
 
 
@@ -224,7 +224,7 @@ def _lengthened(local: FloatArray, body: str, h: float) -> FloatArray:
         return local * [1.0, h, 1.0]
     if part == "head":
         above = np.maximum(local[:, 2:] - MOUTH_HEIGHT_M, 0.0)
-        return local + CROWN_STRETCH_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
+        return local + HEAD_STRETCH_SHARE * (h - 1.0) * above * [0.0, 0.0, 1.0]
     return local * [1.0, 1.0, h]
 
 

@@ -360,7 +360,7 @@ def _with_mimics(
     return positions, following
 
 
-def compile_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
+def compile_robot_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Compile and return the model of a robot.
 
     Raises:
@@ -442,7 +442,7 @@ def tuned_arm(
     )
     slides = [spec.joint(name).type == mujoco.mjtJoint.mjJNT_SLIDE for name in joints]
     fix_joints(spec, joints, {})
-    model = compile_model(spec)
+    model = compile_robot_model(spec)
     data = mujoco.MjData(model)
     places = [model.joint(name).qposadr[0] for name in joints]
     data.qpos[places] = seed

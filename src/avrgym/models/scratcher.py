@@ -8,10 +8,10 @@ from avrgym.models.geoms import CAPSULE, add_collision, add_material, add_visual
 from avrgym.models.shapes import CrossSection, loft
 from avrgym.models.tools import Tool
 
-TIP_BEYOND_FINGERS_M = 0.05
+FINGERTIPS_TO_TIP_DISTANCE_M = 0.05
 """Distance from the fingertips to the tip of the scratcher (reference)."""
 ROD_RADIUS_M, ROD_LENGTH_M = 0.005, 0.12
-PINCH_FROM_FINGERTIPS_M = 0.039
+FINGERTIPS_TO_GRIP_DISTANCE_M = 0.039
 """Distance from the end of the fingertips back to the contact point of fingers and rod."""
 
 
@@ -53,6 +53,6 @@ def _add_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 SCRATCHER = Tool(
     "scratcher",
     _build_scratcher,
-    grip_pos=(-(TIP_BEYOND_FINGERS_M + PINCH_FROM_FINGERTIPS_M), 0.0, 0.0),
+    grip_pos=(-(FINGERTIPS_TO_TIP_DISTANCE_M + FINGERTIPS_TO_GRIP_DISTANCE_M), 0.0, 0.0),
     particles=None,
 )

@@ -10,7 +10,7 @@ from avrgym.models import collision_bits
 from avrgym.models.robot import Arm, Robot, robot_spec
 from avrgym.system import random_streams
 
-POSE_SAMPLES = 1000
+NUM_POSE_SAMPLES = 1000
 """Number of sampled poses of the arm."""
 PERMANENT_CONTACT_SHARE = 0.9
 """Minimum share of poses in which a pair of bodies touches permanently. The shapes of such a pair overlap, and its
@@ -55,7 +55,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     places = [model.joint(name).qposadr[0] for name in arm.joints]
     ranges = np.array([model.joint(name).range for name in arm.joints])
     poses = random_streams.arm_pose_generator().uniform(
-        ranges[:, 0], ranges[:, 1], (POSE_SAMPLES, len(places))
+        ranges[:, 0], ranges[:, 1], (NUM_POSE_SAMPLES, len(places))
     )
     at_seed, *touching = (_touching(model, data, places, pose) for pose in (arm.seed_pose, *poses))
     pairs, counts = np.unique(
@@ -65,7 +65,7 @@ def collision_pairs(robot: Robot, arm: Arm) -> frozenset[frozenset[str]]:
     return frozenset(
         pair
         for pair, count in found.items()
-        if count < PERMANENT_CONTACT_SHARE * POSE_SAMPLES
+        if count < PERMANENT_CONTACT_SHARE * NUM_POSE_SAMPLES
         and pair not in at_seed
         and not _are_near(model, pair)
     )

@@ -55,7 +55,7 @@ def _faces() -> NDArray[np.int64]:
     return np.array(found)
 
 
-GOWN = Cloth(
+SLEEVE_CLOTH = Cloth(
     name="sleeve",
     initial_pos=_vertices(),
     faces=_faces(),
@@ -75,8 +75,8 @@ garment. Finer folds need more vertices."""
 
 def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     """Build a hoop of rods along the attached vertices, and a handle."""
-    add_attachment_sites(body, GOWN)
-    rim = GOWN.initial_pos[list(ATTACHED_VERTICES)]
+    add_attachment_sites(body, SLEEVE_CLOTH)
+    rim = SLEEVE_CLOTH.initial_pos[list(ATTACHED_VERTICES)]
     for number, (begin, end) in enumerate(pairwise(rim)):
         add_collision(
             body, f"hoop_{number}", CAPSULE, collision_bits.TOOL,
@@ -96,9 +96,13 @@ def _build(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
 SLEEVE = Tool(
     "sleeve",
     _build,
-    grip_pos=(float(GOWN.initial_pos[list(ATTACHED_VERTICES), 0].min()) - _GRIP_ON_HANDLE_M, 0.0, 0.0),
+    grip_pos=(
+        float(SLEEVE_CLOTH.initial_pos[list(ATTACHED_VERTICES), 0].min()) - _GRIP_ON_HANDLE_M,
+        0.0,
+        0.0,
+    ),
     particles=None,
-    cloth=GOWN,
+    cloth=SLEEVE_CLOTH,
     grip=WASHCLOTH.name,
     mirror_axis=2,
 )

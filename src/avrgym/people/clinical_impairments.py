@@ -34,9 +34,9 @@ from avrgym.people.population_names import SEVERITIES, ImpairmentName
 
 SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
 """Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
-SPASTIC_MOBILITY = (1.0, 0.6)
+SPASTIC_MOBILITY_RANGE = (1.0, 0.6)
 """Share of the commanded motion that spastic arms execute, at the lowest and the highest severity."""
-AFFECTED_SPEED_LIMITS_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
+AFFECTED_SPEED_LIMIT_RANGE_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
 """Speed limits of affected joints at the lowest and the highest severity."""
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
 PASSIVE_TORQUE_SHARE = 0.05
@@ -44,22 +44,22 @@ PASSIVE_TORQUE_SHARE = 0.05
 
 Passive tissue, backrest and armrests cause this torque (assumption).
 """
-GRADE_3_TORQUE_SHARE = 0.25
+MUSCLE_GRADE_3_TORQUE_SHARE = 0.25
 """Torque of muscles of grade 3, as a share of the healthy torque (assumption).
 
 These muscles hold the limb against gravity. Grade 3 is far below half of the full torque (MacAvoy and Green, J. Hand
 Surg. Eur. 32:149, 2007).
 """
-ATAXIC_DAMPING_RATIO = (0.59, 0.25)
+ATAXIC_DAMPING_RATIO_RANGE = (0.59, 0.25)
 """Damping ratio ζ of ataxic joints.
 
 A step overshoots by exp(−π ζ / √(1 − ζ²)): 10 and 45 %.
 """
-INTENTION_TREMOR_HZ = (3.0, 4.5)
-INTENTION_TREMOR_DEG: Mapping[str, tuple[float, float]] = {
+INTENTION_TREMOR_RANGE_HZ = (3.0, 4.5)
+INTENTION_TREMOR_AMPLITUDES_DEG: Mapping[str, tuple[float, float]] = {
     "torso": (0.3, 1.5), "head": (0.5, 3.0), "arm": (1.0, 6.0),
 }  # fmt: skip
-DYSKINESIA_DEG: Mapping[str, tuple[float, float]] = {
+DYSKINESIA_AMPLITUDES_DEG: Mapping[str, tuple[float, float]] = {
     "torso": (1.5, 6.0), "head": (3.0, 12.0), "arm": (4.0, 16.0),
 }  # fmt: skip
 
@@ -70,12 +70,12 @@ _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {  # C6
         "shoulder_x": (1.0, 1.0, 1.0), "shoulder_y": (1.0, 1.0, 1.0), "shoulder_z": (1.0, 1.0, 1.0),
         "elbow_x": (1.0, 1.0, PASSIVE_TORQUE_SHARE), "forearm_z": (1.0, 1.0, 1.0),
-        "wrist_x": (0.5, GRADE_3_TORQUE_SHARE, GRADE_3_TORQUE_SHARE),
+        "wrist_x": (0.5, MUSCLE_GRADE_3_TORQUE_SHARE, MUSCLE_GRADE_3_TORQUE_SHARE),
     },
     {  # C5
         "shoulder_x": (0.5, 0.5, 0.5), "shoulder_y": (0.5, 0.5, 0.5), "shoulder_z": (0.5, 0.5, 0.5),
-        "elbow_x": (0.7, GRADE_3_TORQUE_SHARE, PASSIVE_TORQUE_SHARE),
-        "forearm_z": (0.5, GRADE_3_TORQUE_SHARE, GRADE_3_TORQUE_SHARE),
+        "elbow_x": (0.7, MUSCLE_GRADE_3_TORQUE_SHARE, PASSIVE_TORQUE_SHARE),
+        "forearm_z": (0.5, MUSCLE_GRADE_3_TORQUE_SHARE, MUSCLE_GRADE_3_TORQUE_SHARE),
     },
     {},  # C4
 )  # fmt: skip
@@ -124,8 +124,8 @@ def _spasticity(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
     return replace(
         signs,
         damping_n_m_s=_by_joint(severity, elbow, parts),
-        mobility=_affected(severity, SPASTIC_MOBILITY, _IN_ARM, 1.0),
-        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMITS_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
+        mobility=_affected(severity, SPASTIC_MOBILITY_RANGE, _IN_ARM, 1.0),
+        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMIT_RANGE_RAD_S, _IN_ARM, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -136,7 +136,7 @@ def _hemiparesis(signs: MotorSigns, severity: FloatArray, *, side: str) -> Motor
         signs,
         mobility=_affected(severity, PARETIC_MOBILITY, joints, 1.0),
         torque_share=strength[..., None] * signs.torque_share,
-        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMITS_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
+        max_speed_rad_s=_affected(severity, AFFECTED_SPEED_LIMIT_RANGE_RAD_S, joints, UNLIMITED_SPEED_RAD_S),
     )
 
 
@@ -160,14 +160,14 @@ def _driven_joints(level: Mapping[str, tuple[float, float, float]]) -> FloatArra
 def _ataxia(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
     return replace(
         signs,
-        damping_ratio=_by_joint(severity, ATAXIC_DAMPING_RATIO, np.ones(len(JOINTS))),
-        intention_tremor_rad=_by_part(severity, INTENTION_TREMOR_DEG),
-        tremor_hz=interpolate(INTENTION_TREMOR_HZ, signs.oscillation_phase[:, -1]),
+        damping_ratio=_by_joint(severity, ATAXIC_DAMPING_RATIO_RANGE, np.ones(len(JOINTS))),
+        intention_tremor_rad=_by_part(severity, INTENTION_TREMOR_AMPLITUDES_DEG),
+        tremor_hz=interpolate(INTENTION_TREMOR_RANGE_HZ, signs.oscillation_phase[:, -1]),
     )
 
 
 def _dyskinesia(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
-    return replace(signs, dyskinesia_rad=_by_part(severity, DYSKINESIA_DEG))
+    return replace(signs, dyskinesia_rad=_by_part(severity, DYSKINESIA_AMPLITUDES_DEG))
 
 
 _SIGNS: Mapping[ImpairmentName, Callable[[MotorSigns, FloatArray], MotorSigns]] = {

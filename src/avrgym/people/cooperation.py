@@ -56,12 +56,12 @@ NUM_UNIFORMS = 6
 
 TOOL_HISTORY_LENGTH = 5
 """Number of stored tool positions: one for each of the latest control steps."""
-REACTION_DELAY_STEPS = (2, 4)
+REACTION_DELAY_RANGE_STEPS = (2, 4)
 """Range of the reaction delay, in control steps."""
 FACING_SHARE_RANGE = (0.3, 0.7)
 """Range of ``CooperationState.facing_share``."""
 SWAY_AMPLITUDE_RANGE_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
-SWAY_RANGE_HZ = (0.1, 0.3)
+SWAY_FREQUENCY_RANGE_HZ = (0.1, 0.3)
 """Range of the sway frequency."""
 
 MOUTH_APPROACH_DISTANCE_M, LEAN_RAD = 0.30, float(np.radians(10.0))
@@ -113,7 +113,7 @@ class CooperationState:
 def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
     """Returns the initial state. Behaviour parameters are sampled from uniform numbers (n, ``NUM_UNIFORMS``)."""
     xp, count = namespace(uniforms), len(uniforms)
-    low, high = REACTION_DELAY_STEPS
+    low, high = REACTION_DELAY_RANGE_STEPS
     return CooperationState(
         tool_history_w=xp.full(
             (count, TOOL_HISTORY_LENGTH, 3), xp.inf, dtype=uniforms.dtype, device=uniforms.device
@@ -124,7 +124,7 @@ def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
         reaction_delay_steps=xp.minimum(low + xp.astype((high - low + 1) * uniforms[:, 0], xp.int64), high),
         facing_share=interpolate(FACING_SHARE_RANGE, uniforms[:, 1]),
         sway_amplitude_rad=interpolate(SWAY_AMPLITUDE_RANGE_RAD, uniforms[:, 2]),
-        sway_hz=interpolate(SWAY_RANGE_HZ, uniforms[:, 3]),
+        sway_hz=interpolate(SWAY_FREQUENCY_RANGE_HZ, uniforms[:, 3]),
         sway_phase_rad=2.0 * np.pi * uniforms[:, 4:6],
     )
 

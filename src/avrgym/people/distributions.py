@@ -20,8 +20,13 @@ from avrgym.people.arm_clearance import Boxes, clearance, person_capsules
 from avrgym.people.measured_bodies import sample_bodies
 from avrgym.people.motor import MOTION_VERSION
 from avrgym.people.population_names import ALLOWED_PEOPLE, ANTHROPOMETRIC, ORIGINAL, PARTICIPANTS, REVISED
-from avrgym.people.zoo.commanding import COMMANDING_SETS
-from avrgym.people.zoo.partners import SINGLE_STYLE_SETS, ZOO_PARTNER_SETS, PartnerSet, sample_fitted_partners
+from avrgym.people.zoo.commanding import COMMANDING_PARTNER_SETS
+from avrgym.people.zoo.partners import (
+    SINGLE_STYLE_PARTNER_SETS,
+    ZOO_PARTNER_SETS,
+    PartnerSet,
+    sample_fitted_partners,
+)
 
 if TYPE_CHECKING:
     from avrgym.people.people_file import PeopleFile
@@ -80,7 +85,7 @@ BASE_DISTRIBUTIONS: Mapping[str, PeopleDistribution] = {
     ),
     **{name: replace(_REVISED, partners=partners) for name, partners in ZOO_PARTNER_SETS.items()},
 }
-_STYLES: Mapping[str, PartnerSet] = {**SINGLE_STYLE_SETS, **COMMANDING_SETS}
+_STYLES: Mapping[str, PartnerSet] = {**SINGLE_STYLE_PARTNER_SETS, **COMMANDING_PARTNER_SETS}
 _NAMED = BASE_DISTRIBUTIONS | {
     name: replace(_REVISED, partners=partners) for name, partners in _STYLES.items()
 }
@@ -120,7 +125,7 @@ class Pose:
     spread_rad: FloatArray
 
     @property
-    def has_random_arm(self) -> bool:
+    def has_random_arm_pose(self) -> bool:
         """Whether the right arm's pose is random."""
         return bool(self.spread_rad[RIGHT_ARM_JOINT_MASK].any())
 
@@ -183,7 +188,7 @@ def sample_people(
         people = replace(people, **sample_bodies(is_woman, uniforms[:, 1], of_sex)._asdict())
         poses = _on_armrests(people, poses, posture)
         people = replace(people, joint_angles_rad=poses[:, 0])
-    return _resample_crowded_poses(people, poses, posture, furniture) if pose.has_random_arm else people
+    return _resample_crowded_poses(people, poses, posture, furniture) if pose.has_random_arm_pose else people
 
 
 def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatArray:

@@ -31,7 +31,7 @@ MAX_TREMOR_AMPLITUDE_RAD = TREMOR_AMPLITUDE_RATIO * MAX_TREMOR_TARGET_RAD
 """Largest tremor amplitude: head ±2.5°, arms ±1.3°."""
 
 
-def find_impairment(name: str) -> ImpairmentName:
+def parse_impairment(name: str) -> ImpairmentName:
     """Checks the name of an impairment, and returns it.
 
     Raises:

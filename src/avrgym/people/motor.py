@@ -124,18 +124,12 @@ class RhythmicMotion:
 class MotorState:
     """State of the motor model for N people.
 
-    Attributes:
-        goal_rad: goal joint angles (N, 20).
-        equilibrium_rad: equilibrium points (N, 20).
-        filtered_rad, angles_rad: outputs (N, 20) of two first-order filters in series. Their input is the equilibrium
-            points.
-        max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20).
-        filter_gain: share of the remaining distance that a filter covers in 10 ms (N, 20).
-        speed_factor: speed and acceleration relative to the limits (N,).
-        noise_phase_rad: phases of the noise (N, 3).
-        wave_amplitude_rad, wave_hz, wave_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W) of
-            rhythmic motion.
-        time_s: time since the start of the episode (N,).
+    Attributes: goal_rad: goal joint angles (N, 20). equilibrium_rad: equilibrium points (N, 20). filtered_rad,
+    angles_rad: outputs (N, 20) of two first-order filters in series. Their input is the equilibrium points.
+    max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20). filter_gain: share of the remaining
+    distance that a filter covers in 10 ms (N, 20). speed_factor: speed and acceleration relative to the limits (N,).
+    noise_phase_rad: phases of the noise (N, 3). rhythm_amplitude_rad, rhythm_hz, rhythm_phase_rad: amplitudes (N, W,
+    20), frequencies (N, W) and phases (N, W) of rhythmic motion. time_s: time since the start of the episode (N,).
     """
 
     goal_rad: FloatArray
@@ -146,9 +140,9 @@ class MotorState:
     filter_gain: FloatArray
     speed_factor: FloatArray
     noise_phase_rad: FloatArray
-    wave_amplitude_rad: FloatArray
-    wave_hz: FloatArray
-    wave_phase_rad: FloatArray
+    rhythm_amplitude_rad: FloatArray
+    rhythm_hz: FloatArray
+    rhythm_phase_rad: FloatArray
     time_s: FloatArray
 
 
@@ -221,9 +215,9 @@ def initial_state(
         filter_gain=nothing + constant_like(_FOLLOW, angles),
         speed_factor=speed_factor,
         noise_phase_rad=2.0 * np.pi * noise_uniforms,
-        wave_amplitude_rad=amplitudes,
-        wave_hz=frequencies,
-        wave_phase_rad=phases,
+        rhythm_amplitude_rad=amplitudes,
+        rhythm_hz=frequencies,
+        rhythm_phase_rad=phases,
         time_s=none,
     )
 
@@ -286,10 +280,10 @@ def next_joint_targets_rad(state: MotorState, count: int) -> tuple[MotorState, F
     targets, time_s = (
         xp.stack([getattr(each, name) for each in states]) for name in ("angles_rad", "time_s")
     )
-    angle = 2.0 * np.pi * state.wave_hz * time_s[..., None] + state.wave_phase_rad
+    angle = 2.0 * np.pi * state.rhythm_hz * time_s[..., None] + state.rhythm_phase_rad
     swung = elementary.sin(angle) * _onset(time_s)[..., None]
-    for number in range(state.wave_hz.shape[1]):
-        targets = targets + swung[..., number, None] * state.wave_amplitude_rad[:, number]
+    for number in range(state.rhythm_hz.shape[1]):
+        targets = targets + swung[..., number, None] * state.rhythm_amplitude_rad[:, number]
     return state, targets
 
 
@@ -306,5 +300,5 @@ def speed_limit_rad_s(state: MotorState, startled: BoolArray | None = None) -> F
         if startled is None
         else np.where(startled, STARTLE_SPEED_FACTOR, state.speed_factor)
     )
-    waves = state.wave_amplitude_rad * (2.0 * np.pi * state.wave_hz + MAX_ONSET_RATE_PER_S)[..., None]
+    waves = state.rhythm_amplitude_rad * (2.0 * np.pi * state.rhythm_hz + MAX_ONSET_RATE_PER_S)[..., None]
     return factor[:, None] * MAX_JOINT_SPEED_RAD_S + waves.sum(axis=1)

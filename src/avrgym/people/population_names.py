@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from avrgym.people.zoo.styles import COMMANDING, STYLES
+from avrgym.people.zoo.styles import COMMANDING_STYLE_NAME, STYLES
 
 ORIGINAL, REVISED, PARTICIPANTS = "original", "revised", "participants"
 ANTHROPOMETRIC = "anthropometric"
@@ -10,7 +10,7 @@ TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO = "zoo/train", "zoo/unseen", "zoo/extreme"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, ANTHROPOMETRIC, TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO)
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join([*STYLES, COMMANDING])}), one of these with @1 for motion version 1, a people file, the policy file "
+    f"({', '.join([*STYLES, COMMANDING_STYLE_NAME])}), one of these with @1 for motion version 1, a people file, the policy file "
     "of a trained human, or a folder of such policy files"
 )
 """The allowed values of ``people``, for help and error messages."""

@@ -19,7 +19,7 @@ from avrgym.people.distributions import (
     distribution_from_file,
     find_distribution,
 )
-from avrgym.people.impairments import find_impairment
+from avrgym.people.impairments import parse_impairment
 from avrgym.people.population_names import ImpairmentName
 from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
@@ -117,7 +117,7 @@ def _trained(path: Path, tasks: Collection[str]) -> Population:
         bodies = distribution_from_file(parse_people(text, f"{path}: its people", tasks))
     else:
         bodies = find_distribution(metadata.people, tasks)
-    return Population(str(path), bodies, find_impairment(metadata.impairment), policy)
+    return Population(str(path), bodies, parse_impairment(metadata.impairment), policy)
 
 
 class TrainedHumans:

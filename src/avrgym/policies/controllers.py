@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from avrgym.array_types import FloatArray
-from avrgym.models.cameras import AnyCamera, AnyObservation
+from avrgym.models.cameras import AnyObservation, CameraDescription
 from avrgym.policies.trained import PolicyError
 from avrgym.system import plugins
 from avrgym.system.used_plugins import UsedPlugin, plugin_of_controller, plugin_of_entry_point
@@ -67,7 +67,7 @@ class ExternalController:
     name: str
     make: Callable[[], Controller]
     plugin: UsedPlugin | None = None
-    cameras: tuple[AnyCamera, ...] = ()
+    cameras: tuple[CameraDescription, ...] = ()
     takes_commands: bool = False
     prepare: Callable[[], None] = _prepare_nothing
 

@@ -28,10 +28,10 @@ from avrgym.policies.controllers import ControllerError, ExternalController
 from avrgym.policies.trained import PolicyError
 from avrgym.system.type_guards import is_table
 from avrgym.system.used_plugins import UsedPlugin, files_sha256
-from avrgym.tasks.observation import Observation, measured_by_robot
+from avrgym.tasks.observation import Observation, robot_measured_mask
 
 PREFIX = "lerobot:"
-PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
+LEROBOT_PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
 """Environment variable with the path of the Python that has LeRobot. Default: the Python that runs AVR Gym."""
 STATE, ENVIRONMENT_STATE, IMAGES = "observation.state", "observation.environment_state", "observation.images."
 """Names of the features in LeRobot: values that the robot measures itself, other values, and the prefix of images."""
@@ -45,17 +45,17 @@ def state_features(observation: Observation, values: NumpyArray) -> dict[str, Nu
     ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` the others, both in the
     order of the observation.
     """
-    measured = measured_by_robot(observation)
+    measured = robot_measured_mask(observation)
     parts = {STATE: values[..., measured], ENVIRONMENT_STATE: values[..., ~measured]}
     return {name: part for name, part in parts.items() if part.shape[-1]}
 
 
-def is_lerobot(name: str) -> bool:
+def is_lerobot_policy(name: str) -> bool:
     """Returns whether the name of a policy has the form ``lerobot:FOLDER``."""
     return name.startswith(PREFIX)
 
 
-def weights_file(name: str) -> Path:
+def lerobot_weights_file(name: str) -> Path:
     """Returns the file of weights of the policy ``lerobot:FOLDER``.
 
     Raises:
@@ -67,7 +67,7 @@ def weights_file(name: str) -> Path:
     return file
 
 
-def plugin_of_lerobot(name: str) -> UsedPlugin:
+def lerobot_policy_plugin(name: str) -> UsedPlugin:
     """Returns the policy ``lerobot:FOLDER`` as a used plug-in with the hash of its files. Without files, the hash is
     empty."""
     files = [
@@ -78,7 +78,7 @@ def plugin_of_lerobot(name: str) -> UsedPlugin:
     return UsedPlugin("controller", name, name, sha256=sha256)
 
 
-def find_lerobot(
+def find_lerobot_policy(
     name: str, observation: Observation, action_size: int, instruction: str
 ) -> ExternalController:
     """Returns the policy ``lerobot:FOLDER`` as a controller. Its process starts with the first instance.
@@ -117,7 +117,7 @@ def find_lerobot(
     return ExternalController(
         name,
         lambda: LeRobotController(_process(str(folder.resolve())), observation, features, instruction),
-        plugin_of_lerobot(name),
+        lerobot_policy_plugin(name),
         tuple(cameras),
         prepare=lambda: _process(str(folder.resolve())).start(),
     )
@@ -136,7 +136,7 @@ def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, 
             f"{name}: the folder contains no LeRobot policy ({type(error).__name__}: {error}); allowed: a folder "
             "pretrained_model of lerobot-train"
         ) from error
-    weights_file(name)
+    lerobot_weights_file(name)
     return shapes[0], shapes[1]
 
 
@@ -222,7 +222,7 @@ class PolicyProcess:
                 self._stop()
                 raise PolicyError(
                     f"{self._command[-1]}: {error}; install LeRobot with `pip install lerobot`, or set "
-                    f"{PYTHON_VARIABLE} to the Python of an environment that has it"
+                    f"{LEROBOT_PYTHON_VARIABLE} to the Python of an environment that has it"
                 ) from error
 
     def request(self, request: Mapping[str, Any]) -> dict[str, Any]:
@@ -302,7 +302,7 @@ class PolicyProcess:
 @cache
 def _process(folder: str) -> PolicyProcess:
     """Returns the process of the policy in a folder. All its controllers in this program share it."""
-    python = os.environ.get(PYTHON_VARIABLE) or sys.executable
+    python = os.environ.get(LEROBOT_PYTHON_VARIABLE) or sys.executable
     worker = Path(__file__).with_name("lerobot_worker.py")
     options = ["-P"]  # the module avrgym.policies.lerobot must not replace the package lerobot
     return PolicyProcess([python, *options, str(worker), folder], {"HF_HUB_OFFLINE": "1"})

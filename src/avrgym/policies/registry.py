@@ -11,8 +11,8 @@ from avrgym.array_types import FloatArray
 from avrgym.models.cameras import (
     COMMAND_ENTRY,
     STATE_ENTRY,
-    AnyCamera,
     AnyObservation,
+    CameraDescription,
     CameraSpec,
     parse_cameras,
 )
@@ -108,9 +108,9 @@ def resolve_policy(
             _check_settings(policy, name, settings)
         cameras_of(policy, environment_id)
         return policy
-    if lerobot.is_lerobot(name):
+    if lerobot.is_lerobot_policy(name):
         task, scene = task_and_scene(environment_id, settings)
-        controller = lerobot.find_lerobot(
+        controller = lerobot.find_lerobot_policy(
             name, task.observation(scene), action_size, instruction(environment_id, settings)
         )
         cameras_of(controller, environment_id)
@@ -161,10 +161,12 @@ def resolve_session_policy(
     return policy
 
 
-def used_controller(name: str) -> UsedPlugin | None:
+def used_controller_plugin(name: str) -> UsedPlugin | None:
     """Returns the installed version of a controller by the policy's name; ``None`` for policies of AVR Gym."""
     return (
-        lerobot.plugin_of_lerobot(name) if lerobot.is_lerobot(name) else controllers.controller_plugin(name)
+        lerobot.lerobot_policy_plugin(name)
+        if lerobot.is_lerobot_policy(name)
+        else controllers.controller_plugin(name)
     )
 
 
@@ -245,7 +247,7 @@ def cameras_of(policy: AnyPolicy, environment_id: str) -> tuple[CameraSpec, ...]
         PolicyError: for a camera that the environment's robot does not have. The message lists the allowed cameras.
     """
     if isinstance(policy, ExternalController):
-        wanted: Sequence[AnyCamera] = policy.cameras
+        wanted: Sequence[CameraDescription] = policy.cameras
     else:
         wanted = (policy.metadata.camera,) if isinstance(policy, Policy) and policy.metadata.camera else ()
     try:

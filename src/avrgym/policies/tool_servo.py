@@ -10,10 +10,10 @@ from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.policies.cartesian_control import HAND_ANGULAR_SPEED_LIMIT_RAD_S, HAND_SPEED_LIMIT_M_S
 from avrgym.simulation.worlds import Simulation
 
-GAIN_PER_S = 8.0
+POSE_GAIN_PER_S = 8.0
 """Speed of the tool divided by its distance from the target pose, 1/s."""
-MAX_LEAD_M = 0.05
-MAX_LEAD_RAD = 0.16
+MAX_TOOL_LEAD_M = 0.05
+MAX_TOOL_LEAD_RAD = 0.16
 """Maximum distance of the target pose from the tool. At this distance the speed limits apply. Faster motion of the
 controller has no effect. The tool therefore stops soon after the controller."""
 
@@ -55,11 +55,11 @@ class ToolServo:
         turn = transforms.to_rotation_vector(
             transforms.multiply(transforms.multiply(turned, self._tool_q_w), transforms.conjugate(tool_q_w))
         )
-        lead, lead_turn = _limited(way, MAX_LEAD_M), _limited(turn, MAX_LEAD_RAD)
+        lead, lead_turn = _limited(way, MAX_TOOL_LEAD_M), _limited(turn, MAX_TOOL_LEAD_RAD)
         self._tool_pos_w = self._tool_pos_w + lead - way
         target_q_w = transforms.multiply(transforms.from_rotation_vector(lead_turn), tool_q_w)
         self._tool_q_w = transforms.multiply(transforms.conjugate(turned), target_q_w)
-        linear, angular = GAIN_PER_S * lead, GAIN_PER_S * lead_turn
+        linear, angular = POSE_GAIN_PER_S * lead, POSE_GAIN_PER_S * lead_turn
         of_hand = linear + np.cross(angular, hand_pos_w - tool_pos_w)
         return of_hand / HAND_SPEED_LIMIT_M_S, angular / HAND_ANGULAR_SPEED_LIMIT_RAD_S
 

@@ -2,12 +2,16 @@
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-INTENSITIES = ("absent", "very mild", "mild", "moderate", "intense", "very intense", "extreme")
+INTENSITY_LABELS = ("absent", "very mild", "mild", "moderate", "intense", "very intense", "extreme")
 
 
 def _feeling(name: str, text: str) -> InstrumentItem:
     return InstrumentItem(
-        f"csq_{name}", f"Do you experience {text}?", INTENSITIES[0], INTENSITIES[-1], INTENSITIES
+        f"csq_{name}",
+        f"Do you experience {text}?",
+        INTENSITY_LABELS[0],
+        INTENSITY_LABELS[-1],
+        INTENSITY_LABELS,
     )
 
 

@@ -2,7 +2,7 @@
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-WORD_PAIRS = {
+WORD_PAIRS_BY_SCALE = {
     "anthropomorphism": (
         ("fake", "natural"), ("machinelike", "humanlike"), ("unconscious", "conscious"), ("artificial", "lifelike"),
         ("moving rigidly", "moving elegantly"),
@@ -42,9 +42,9 @@ GODSPEED = Instrument(
     ),
     licence="pairs of adjectives, which have no copyright; AVR Gym wrote the questions",
     response_scale=ResponseScale(points=5, lowest_value=1),
-    items=tuple(_between(scale, *pair) for scale, pairs in WORD_PAIRS.items() for pair in pairs),
+    items=tuple(_between(scale, *pair) for scale, pairs in WORD_PAIRS_BY_SCALE.items() for pair in pairs),
     scales=tuple(
         Scale(scale, tuple(_opposites_id(scale, low) for low, _ in pairs))
-        for scale, pairs in WORD_PAIRS.items()
+        for scale, pairs in WORD_PAIRS_BY_SCALE.items()
     ),
 )

@@ -12,7 +12,7 @@ SOURCE = (
 )
 LICENCE = "a work of the United States government, in the public domain"
 RATING_LABELS = tuple(str(value) for value in range(0, 101, 5))
-FACTORS = {
+WORKLOAD_FACTORS = {
     "mental": "Mental demand",
     "physical": "Physical demand",
     "temporal": "Temporal demand",
@@ -20,7 +20,7 @@ FACTORS = {
     "effort": "Effort",
     "frustration": "Frustration",
 }
-FACTOR_PAIRS = tuple(combinations(FACTORS, 2))
+FACTOR_PAIRS = tuple(combinations(WORKLOAD_FACTORS, 2))
 """All pairs of workload factors. Participants choose one factor of each pair."""
 
 
@@ -29,7 +29,7 @@ def _rating(factor: str, text: str, low: str = "very low", high: str = "very hig
 
 
 def _pair(first: str, second: str) -> InstrumentItem:
-    words = FACTORS[first], FACTORS[second]
+    words = WORKLOAD_FACTORS[first], WORKLOAD_FACTORS[second]
     text = "Which of the two contributed more to the workload of the task?"
     return InstrumentItem(_pair_id(first, second), text, *words, words)
 
@@ -68,13 +68,13 @@ NASA_TLX = Instrument(
         _rating("frustration", "How insecure, discouraged, irritated, stressed, and annoyed were you?"),
     ),
     scales=(
-        Scale("raw", tuple(f"tlx_{factor}" for factor in FACTORS)),
-        *(Scale(factor, (f"tlx_{factor}",)) for factor in FACTORS),
+        Scale("raw", tuple(f"tlx_{factor}" for factor in WORKLOAD_FACTORS)),
+        *(Scale(factor, (f"tlx_{factor}",)) for factor in WORKLOAD_FACTORS),
     ),
     weighting=Weighting(
         scale_name="weighted",
         weights_instrument="nasa-tlx-weights",
-        item_by_weight=MappingProxyType({factor: f"tlx_{factor}" for factor in FACTORS}),
+        item_by_weight=MappingProxyType({factor: f"tlx_{factor}" for factor in WORKLOAD_FACTORS}),
         max_weight=5,
         weight_sum=15,
     ),
@@ -87,5 +87,5 @@ NASA_TLX_WEIGHTS = Instrument(
     licence=LICENCE,
     response_scale=ResponseScale(points=2, lowest_value=0),
     items=tuple(_pair(*pair) for pair in FACTOR_PAIRS),
-    scales=tuple(_weight(factor) for factor in FACTORS),
+    scales=tuple(_weight(factor) for factor in WORKLOAD_FACTORS),
 )

@@ -15,7 +15,7 @@ QUESTION_MOMENTS = ("before_session", "after_trial", "after_break", "after_sessi
 """Moments of questionnaires. ``caregiver``: a caregiver answers during or after a session."""
 SESSION_QUESTION_MOMENTS = ("before_session", "after_session")
 """Moments of questions about a whole session."""
-FURTHER_MOMENTS = ("after_break", "caregiver")
+REPEATABLE_MOMENTS = ("after_break", "caregiver")
 """Moments at which the same item may be answered several times."""
 ITEM_ORDERS = ("fixed", "random")
 """Orders of the items of a questionnaire."""

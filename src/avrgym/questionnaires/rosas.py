@@ -2,7 +2,7 @@
 
 from avrgym.questionnaires.instrument import Instrument, InstrumentItem, ResponseScale, Scale
 
-ATTRIBUTES = {
+ATTRIBUTES_BY_SCALE = {
     "warmth": ("happy", "feeling", "social", "organic", "compassionate", "emotional"),
     "competence": ("capable", "responsive", "interactive", "reliable", "competent", "knowledgeable"),
     "discomfort": ("scary", "strange", "awkward", "dangerous", "awful", "aggressive"),
@@ -24,8 +24,10 @@ ROSAS = Instrument(
             "definitely not associated",
             "definitely associated",
         )
-        for words in ATTRIBUTES.values()
+        for words in ATTRIBUTES_BY_SCALE.values()
         for word in words
     ),
-    scales=tuple(Scale(name, tuple(f"rosas_{word}" for word in words)) for name, words in ATTRIBUTES.items()),
+    scales=tuple(
+        Scale(name, tuple(f"rosas_{word}" for word in words)) for name, words in ATTRIBUTES_BY_SCALE.items()
+    ),
 )

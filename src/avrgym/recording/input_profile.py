@@ -35,7 +35,7 @@ ALLOWED_STOP_INPUTS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "experimenter": ("gaze", "experimenter"),
 }
 """The stop inputs that each input method allows. The default is the first one, or with ``experimenter`` all of them."""
-DURATION_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
+SELECTION_TIME_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
 """Minimum and maximum of durations in seconds, by field."""
 MAX_KEY_NAME_LENGTH = 32
 """Maximum length of a key's name, such as ``Enter``."""
@@ -78,7 +78,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     )
 
     def __post_init__(self) -> None:
-        for name, (low, high) in DURATION_RANGES_S.items():
+        for name, (low, high) in SELECTION_TIME_RANGES_S.items():
             value = getattr(self, name)
             if not low <= value <= high:
                 raise InputProfileError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")

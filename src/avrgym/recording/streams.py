@@ -48,13 +48,13 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``resets``: the corrected clock resets. ``num_raised``: number of times that were increased to the time of the
-    previous sample. Jitter had made these times smaller than the previous ones.
+    ``resets``: the corrected clock resets. ``num_corrected_samples``: number of times that were increased to the time
+    of the previous sample. Jitter had made these times smaller than the previous ones.
     """
 
     time_s: FloatArray
     resets: tuple[ClockReset, ...]
-    num_raised: int
+    num_corrected_samples: int
 
 
 @dataclass(frozen=True)

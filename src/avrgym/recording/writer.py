@@ -35,7 +35,7 @@ DISK_STALL_TIMEOUT_S = 0.75
 """Time without a write after which ``RecordingWriter.disk_error`` reports a stalled disk."""
 MAX_QUEUED_MESSAGES = 4000
 """Maximum length of the queue. If it is full, the recording fails."""
-SHORT_QUEUE_MESSAGES = 100
+MAX_SHORT_QUEUE_MESSAGES = 100
 """Maximum length of the queue after ``RecordingWriter.wait_for_writes``."""
 CLOSE_TIMEOUT_S = 10.0
 """Maximum time in which ``RecordingWriter.close`` waits for the disk."""
@@ -102,7 +102,7 @@ class RecordingWriter:
 
         After a disk failure, the method returns immediately.
         """
-        while self._queue.qsize() > SHORT_QUEUE_MESSAGES and self.disk_error is None:
+        while self._queue.qsize() > MAX_SHORT_QUEUE_MESSAGES and self.disk_error is None:
             time.sleep(0.001)
 
     def close(self, outcome: Outcome | None = None) -> None:

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from avrgym.envs.rendering import Camera
 from avrgym.recording.reader import Recording
 from avrgym.replay.output import check_new_file
-from avrgym.replay.playback import ComparedState, Playback, control_period_s, robot_motion_end_s, title
+from avrgym.replay.playback import ComparedState, Playback, control_time_range_s, robot_motion_end_s, title
 from avrgym.system.files import write_atomically
 
 RgbImage = NDArray[np.uint8]
@@ -109,7 +109,7 @@ def write_image_strip(
         The time of each frame, in seconds from the start of the motion.
     """
     check_new_file(out, IMAGE_SUFFIXES)
-    begins_s, ends_s = control_period_s(recording)
+    begins_s, ends_s = control_time_range_s(recording)
     times_s = np.linspace(begins_s, ends_s, count).tolist() if count > 1 else [0.5 * (begins_s + ends_s)]
     drawn = [
         _titled(picture, f"{moment.time_s - begins_s:.1f} s")
@@ -130,7 +130,7 @@ def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: ProgressCallback
 ) -> Iterator[RgbImage]:
     """Yields images at a constant rate, up to the questionnaire. Each image is the first state at or after its time."""
-    begins_s, _ = control_period_s(recording)
+    begins_s, _ = control_time_range_s(recording)
     times_s = np.arange(0.0, robot_motion_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_SIZE_PX, first_person, progress):
         yield _subtitled(picture, title(recording), moment, begins_s)

@@ -13,7 +13,7 @@ from avrgym.recording.schema import Control, Event, Physics
 from avrgym.recording.world import rebuild_world
 from avrgym.safety.region_forces import RegionLoadRecorder, RegionLoads
 from avrgym.system.used_plugins import differences
-from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
@@ -174,7 +174,7 @@ class Playback:
             self._loop.abort_step()
 
 
-def region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
+def compute_region_loads(recording: Recording, progress: Callable[[], None] = lambda: None) -> RegionLoads:
     """Returns the contact forces (1, R) on the person's body regions, over all steps in which a driver controlled the
     robot.
 
@@ -204,7 +204,7 @@ def title(recording: Recording) -> str:
     return f"{scene}, {trial.policy}, {kind}, attempt {trial.attempt_number}: {participant}"
 
 
-def phase_starts(recording: Recording) -> list[tuple[float, str]]:
+def phase_start_times(recording: Recording) -> list[tuple[float, str]]:
     """Returns the start time (in seconds) and the name of each phase."""
     events = recording.messages_by_topic["/events"]
     return [(time_ns / 1e9, event.detail) for time_ns, event in events if event.name == "phase"]
@@ -215,16 +215,16 @@ def robot_motion_end_s(recording: Recording) -> float:
 
     Without a questionnaire, returns the end of the recording.
     """
-    starts = (time_s for time_s, name in phase_starts(recording) if name == "questionnaire")
+    starts = (time_s for time_s, name in phase_start_times(recording) if name == "questionnaire")
     return next(starts, recording.duration_s)
 
 
-def control_period_s(recording: Recording) -> tuple[float, float]:
+def control_time_range_s(recording: Recording) -> tuple[float, float]:
     """Returns the start and end time of the robot's control steps in seconds.
 
     Without control steps, returns 0 and ``robot_motion_end_s``.
     """
-    starts = [time_s for time_s, name in phase_starts(recording) if name == "trial"]
+    starts = [time_s for time_s, name in phase_start_times(recording) if name == "trial"]
     control = recording.messages_by_topic["/control"]
     if not starts or not control:
         return 0.0, robot_motion_end_s(recording)
@@ -250,10 +250,10 @@ def changed_plugins(recording: Recording) -> list[str]:
 
 def _check_world_version(recording: Recording) -> None:
     version = recording.configuration.world_version
-    if version != WORLD_VERSION:
+    if version != SIMULATION_VERSION:
         raise ReplayError(
             f"the recording has version {version} of the simulated world; this release simulates "
-            f"version {WORLD_VERSION}; install the recorded version: {version_text(recording)}"
+            f"version {SIMULATION_VERSION}; install the recorded version: {version_text(recording)}"
         )
 
 

@@ -16,8 +16,8 @@ from avrgym.vr.server.web_server import (
     STATIC_FOLDER,
     WebServer,
     check_client_page,
+    make_page_endpoint,
     open_listener,
-    page_endpoint,
 )
 
 
@@ -50,7 +50,7 @@ def create_replay_app(recording: Recording, timeline: Timeline, poses: bytes, to
         check(request)
         return Response(rendered(), media_type="model/gltf-binary")
 
-    app.get("/replay")(page_endpoint("replay.html"))
+    app.get("/replay")(make_page_endpoint("replay.html"))
     app.mount("/", StaticFiles(directory=STATIC_FOLDER))
     return app
 

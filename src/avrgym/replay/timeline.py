@@ -9,7 +9,7 @@ from avrgym.models.human import Person
 from avrgym.questionnaires.questionnaire import Item
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Answer
-from avrgym.replay.playback import ComparedState, Playback, phase_starts, title
+from avrgym.replay.playback import ComparedState, Playback, phase_start_times, title
 from avrgym.tasks.settings import Settings
 from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
@@ -170,7 +170,7 @@ def _steps(recording: Recording) -> StepSeries:
 
 def _timeline_events(recording: Recording) -> list[TimelineEvent]:
     entered = [
-        TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phase_starts(recording)
+        TimelineEvent(time_s, name, name.replace("_", " ")) for time_s, name in phase_start_times(recording)
     ]
     events = [
         TimelineEvent(time_ns / 1e9, "event", f"{event.name.replace('_', ' ')} {event.detail}".strip())

@@ -8,13 +8,13 @@ from numpy.typing import ArrayLike
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models.robot import Grip
-from avrgym.models.scratcher import PINCH_FROM_FINGERTIPS_M, SCRATCHER
+from avrgym.models.scratcher import FINGERTIPS_TO_GRIP_DISTANCE_M, SCRATCHER
 
 CUP_ROTATION = transforms.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Rotation of a cup relative to a spoon: the cup's x axis is across the fingers."""
 WASHCLOTH_ROTATION = transforms.from_matrix([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of a washcloth relative to a spoon: the washcloth's z axis is across the fingers."""
-SPOON_ALONG_HAND_Z = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
+SPOON_ROTATION = transforms.from_matrix([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 """Rotation of a spoon relative to the hand. The hand's z axis points outwards; its y axis is across the fingers."""
 TOOL_ROTATIONS = {
     "spoon": transforms.IDENTITY_QUATERNION,
@@ -42,7 +42,7 @@ def parallel_grips(
     out, between = transforms.rotate(tool_rotation, [1.0, 0.0, 0.0]), np.asarray(grip_point_m, float)
     return {
         tool: Grip(
-            between - (PINCH_FROM_FINGERTIPS_M - fingertip_length_m) * out
+            between - (FINGERTIPS_TO_GRIP_DISTANCE_M - fingertip_length_m) * out
             if tool == SCRATCHER.name
             else between,
             transforms.multiply(tool_rotation, TOOL_ROTATIONS[tool]),

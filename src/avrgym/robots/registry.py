@@ -11,10 +11,12 @@ from avrgym.robots.stretch.robot import STRETCH
 from avrgym.robots.ur5.robot import UR5
 from avrgym.robots.validation import check_robot
 from avrgym.system import plugins
-from avrgym.system.optional_robots import INSTALL_COMMANDS, install_hint
+from avrgym.system.optional_robots import INSTALL_COMMAND_BY_ROBOT, install_hint
 
 _PACKAGED = (JACO, PR2, PANDA, GEN3, UR5, STRETCH)
-_robots: dict[str, Robot] = {robot.name: robot for robot in _PACKAGED if robot.name not in INSTALL_COMMANDS}
+_robots: dict[str, Robot] = {
+    robot.name: robot for robot in _PACKAGED if robot.name not in INSTALL_COMMAND_BY_ROBOT
+}
 ROBOTS: Mapping[str, Robot] = _robots
 """Registered robots by name."""
 

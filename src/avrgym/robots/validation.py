@@ -121,7 +121,7 @@ def _unknown(field: str, names: Iterable[str], known: set[str]) -> Iterator[str]
 
 def _check_compiled(robot: Robot, side: str, arm: Arm) -> Iterator[str]:
     try:
-        model = models.compile_model(models.robot_spec(robot, arm, appearance=False))
+        model = models.compile_robot_model(models.robot_spec(robot, arm, appearance=False))
     except ValueError as error:
         yield f"its {side} arm: {error}"
         return

@@ -151,7 +151,7 @@ class ForceGuard(PerWorldState):
     def _retract(self) -> FloatArray:
         """Returns actions (N, A) to the latest waypoint, at the joints' speed limits. Deletes reached waypoints."""
         waypoint = self._path[np.arange(len(self._path_end)), (self._path_end - 1) % MAX_WAYPOINTS]
-        steps = self._simulation.speeds_toward(waypoint, PHYSICS_STEP_S)
+        steps = self._simulation.action_to_configuration(waypoint, PHYSICS_STEP_S)
         most = np.abs(steps).max(axis=-1)
         reached = self.retracting_mask & (most <= 1.0) & (self._path_end - 1 > self._path_start)
         self._path_end = self._path_end - reached

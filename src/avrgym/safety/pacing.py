@@ -3,7 +3,7 @@
 The policy drives the tool until the tool is at the preferred distance from mouth or arm. The robot waits there for the
 command ``ready``. The layer scales the policy's actions, and maintains the preferred distance and side. At the command
 ``wait``, it moves the tool back; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with
-at most ``retreat.TOOL_SPEED_M_S``.
+at most ``retreat.RETREAT_TOOL_SPEED_M_S``.
 """
 
 from collections.abc import Mapping
@@ -28,7 +28,7 @@ from avrgym.geometry.capsules import point_segment_distance
 from avrgym.models.human import GEOMS, LEFT_ARM_BODIES, RIGHT_ARM_BODIES
 from avrgym.people.cooperation import OfferedBodyPart
 from avrgym.safety.per_world_state import PerWorldState
-from avrgym.safety.retreat import TOOL_SPEED_M_S, Retreat
+from avrgym.safety.retreat import RETREAT_TOOL_SPEED_M_S, Retreat
 from avrgym.simulation.state import State
 from avrgym.simulation.worlds import Simulation
 
@@ -282,7 +282,7 @@ class PacingLayer(PerWorldState):
         away_w = state.pad_pos_w[world] - self._reference_w(state)[world]
         direction = np.array([side, 0.0, 0.0]) + missing * away_w / max(float(np.linalg.norm(away_w)), 1e-9)
         self._own[world] = self._retreat(world).action_for_velocity(
-            TOOL_SPEED_M_S * direction / max(float(np.linalg.norm(direction)), 1e-9)
+            RETREAT_TOOL_SPEED_M_S * direction / max(float(np.linalg.norm(direction)), 1e-9)
         )
 
     def _only(self, world: int) -> BoolArray:

@@ -18,14 +18,14 @@ from avrgym.models.drive import DRIVE_JOINTS
 from avrgym.models.scene import CONTROL_STEP_S, SCENE_TOOL_BODY
 from avrgym.simulation.worlds import Simulation
 
-TOOL_SPEED_M_S = 0.08
+RETREAT_TOOL_SPEED_M_S = 0.08
 """Speed of the tool during the retreat. With the servos' overshoot the speed remains below 0.1 m/s, also near the
 head."""
 FINAL_MOUTH_DISTANCE_M = 0.32
 """Distance between tool and mouth at the end of the retreat."""
 FINAL_PERSON_DISTANCE_M = 0.10
 """Distance of tool and hand from the person at the end of the retreat."""
-MAX_DURATION_S = 6.0
+MAX_RETREAT_DURATION_S = 6.0
 """Maximum duration of a retreat."""
 MIN_GAP_M = 0.01
 """Gap at which the allowed closing speed is zero."""
@@ -33,11 +33,11 @@ MAX_CONSIDERED_GAP_M = 0.15
 """Gaps larger than this do not limit the joint speeds."""
 CHARACTERISTIC_LENGTH_M = 0.2
 """Length that converts a rotation error of the tool (rad) to a position error (m)."""
-SPEED_DAMPING = 0.03
+JOINT_SPEED_WEIGHT = 0.03
 """Weight of squared joint speeds in the quadratic programme."""
 MIN_CLOSING_TIME_S = 0.3
 """Minimum time in which a gap, or the distance to a joint limit, may decrease to zero."""
-REGULARIZATION = 1e-6
+QP_REGULARIZATION = 1e-6
 """Regularization of the quadratic programme. With it, a solution exists even if many links are near the person."""
 
 
@@ -109,9 +109,9 @@ class Retreat:
 
     def next_action(self) -> FloatArray | None:
         """Returns the action (A,) for the next step. Returns ``None`` if the retreat is complete, or after
-        ``MAX_DURATION_S``."""
+        ``MAX_RETREAT_DURATION_S``."""
         near = self._measure()
-        if self._steps * self._step_s >= MAX_DURATION_S or self._is_clear(near):
+        if self._steps * self._step_s >= MAX_RETREAT_DURATION_S or self._is_clear(near):
             return None
         self._steps += 1
         return self._speeds(self._desired_velocity_w(near), near) / self._speed_limit
@@ -146,7 +146,7 @@ class Retreat:
                 + max(0.0, 2.0 - 2.0 * near.gap_m[nearest] / self._person_distance_m)
                 * near.direction_to_arm_w[nearest]
             )
-        return TOOL_SPEED_M_S * _unit(away)
+        return RETREAT_TOOL_SPEED_M_S * _unit(away)
 
     def _speeds(self, velocity_w: FloatArray, near: SmallGaps) -> FloatArray:
         """Returns the speeds (A,) of joints and drive that best achieve a tool velocity without rotation.
@@ -164,7 +164,7 @@ class Retreat:
         speeds = _solved(jacobian, np.concatenate([velocity_w, np.zeros(3)]), rows, least)
         excess = (
             np.abs(speeds / self._speed_limit).max(),
-            np.linalg.norm(jacobian[:3] @ speeds) / TOOL_SPEED_M_S,
+            np.linalg.norm(jacobian[:3] @ speeds) / RETREAT_TOOL_SPEED_M_S,
         )
         return speeds / max(1.0, *excess)
 
@@ -206,10 +206,10 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
     Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If the dual
     programme has no solution, returns 0, which meets all constraints.
     """
-    weighed = np.linalg.inv(task.T @ task + SPEED_DAMPING**2 * np.eye(task.shape[1]))
+    weighed = np.linalg.inv(task.T @ task + JOINT_SPEED_WEIGHT**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish
     count = len(rows)
-    dual = rows @ weighed @ rows.T + REGULARIZATION * np.eye(count)
+    dual = rows @ weighed @ rows.T + QP_REGULARIZATION * np.eye(count)
     forces, factor = np.zeros(count), np.empty((count, count + 7))
     lower, upper = np.zeros(count), np.full(count, 1e6)
     rank = mujoco.mju_boxQP(forces, factor, None, dual, rows @ free - least, lower, upper)

@@ -80,7 +80,7 @@ class BaseSearchResult:
 PathCost = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 """A function that returns the costs (n, K) of K initial states of n worlds. Its arguments are the positions (n, K, 3)
 and yaw angles (n, K) of the base, and the joint positions (n, K, J)."""
-NUM_PATH_COSTS = 16
+NUM_PATH_COST_CANDIDATES = 16
 """Number of candidates for which ``path_cost`` is computed."""
 
 
@@ -106,7 +106,8 @@ def search_base_pose(
 ) -> BaseSearchResult:
     """Returns the best candidate of each world: it reaches the start pose and most goals, with the highest isotropy.
 
-    With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_PATH_COSTS`` candidates.
+    With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_PATH_COST_CANDIDATES``
+    candidates.
 
     A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the highest sum of
     isotropies is best. The sum is over the start pose and the reached goals; the isotropy is the joint-limit-weighted
@@ -133,7 +134,7 @@ def search_base_pose(
     merit = _merit(scores, goal_pos_w.shape[1]).reshape(count, per_world)
     index = merit.argmax(axis=-1)
     if path_cost is not None:
-        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_PATH_COSTS]
+        ranked = np.argsort(-merit, axis=-1, kind="stable")[:, :NUM_PATH_COST_CANDIDATES]
         rows = ranked + per_world * np.arange(count)[:, None]
         cost = path_cost(bases.pos_w[rows], bases.yaw_rad[rows], arms.joint_positions[rows])
         index = ranked[np.arange(count), cost.argmin(axis=-1)]

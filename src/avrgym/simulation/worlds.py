@@ -415,7 +415,7 @@ class Simulation:
         """Returns ``joint_positions`` and ``base_displacement``, (N, J) or (N, J + 3)."""
         return np.concatenate([self.joint_positions(), self.base_displacement()], axis=-1)
 
-    def speeds_toward(self, configuration: FloatArray, duration_s: float) -> FloatArray:
+    def action_to_configuration(self, configuration: FloatArray, duration_s: float) -> FloatArray:
         """Returns the speeds (N, A) that reach a configuration after ``duration_s``, divided by the speed limits.
 
         Arms start at their servo targets. A drive covers the forward distance and the rotation. It cannot cover the

@@ -268,7 +268,7 @@ def connect(address: str, max_jobs: int | None = None) -> Generator[Cluster]:
     quiet: dict[str, Any] = {"logging_level": "ERROR", "log_to_driver": False, "include_dashboard": False}
     if address == "local":
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
-        quiet["num_cpus"] = jobs.core_count()
+        quiet["num_cpus"] = jobs.available_core_count()
     elif address.startswith("ray://"):
         quiet = {"log_to_driver": False}
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")

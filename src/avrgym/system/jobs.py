@@ -17,7 +17,7 @@ _add: Callable[[int], None] | None = None
 """Function that adds to the progress of this process; ``None`` if progress is not counted."""
 
 
-def core_count() -> int:
+def available_core_count() -> int:
     """Returns the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 

@@ -2,7 +2,7 @@
 
 from importlib.util import find_spec
 
-MESH_PACKAGES = {"Stretch": "stretch_urdf"}
+MESH_PACKAGE_BY_ROBOT = {"Stretch": "stretch_urdf"}
 """Package with the meshes of each robot. The name of the extra is the robot's name in lower case."""
 
 
@@ -13,13 +13,13 @@ def _is_installed(package: str) -> bool:
         return False
 
 
-INSTALL_COMMANDS = {
+INSTALL_COMMAND_BY_ROBOT = {
     robot: f"pip install avrgym[{robot.lower()}]"
-    for robot, package in MESH_PACKAGES.items()
+    for robot, package in MESH_PACKAGE_BY_ROBOT.items()
     if not _is_installed(package)
 }
 """Installation command of each robot that is not available because its package is missing."""
-INSTALLED_ROBOTS = tuple(robot for robot in MESH_PACKAGES if robot not in INSTALL_COMMANDS)
+INSTALLED_ROBOTS = tuple(robot for robot in MESH_PACKAGE_BY_ROBOT if robot not in INSTALL_COMMAND_BY_ROBOT)
 
 
 def install_hint(name: str) -> str:
@@ -28,5 +28,5 @@ def install_hint(name: str) -> str:
     The text is empty if ``name`` contains no missing robot.
     """
     return "".join(
-        f". `{command}` adds {robot}" for robot, command in INSTALL_COMMANDS.items() if robot in name
+        f". `{command}` adds {robot}" for robot, command in INSTALL_COMMAND_BY_ROBOT.items() if robot in name
     )

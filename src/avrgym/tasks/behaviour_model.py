@@ -18,7 +18,7 @@ from avrgym.people.distributions import PeopleDistribution
 from avrgym.people.motor import MotorState
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partner_behaviour import JointLimiter, PartnerState
-from avrgym.tasks.task import replace_worlds, state_arrays
+from avrgym.tasks.task import replace_task_states, task_state_arrays
 
 BehaviourState = CooperationState | PartnerState
 
@@ -75,8 +75,8 @@ class BehaviourModel:
         Behaviour parameters are sampled from uniform random numbers (n, ``cooperation.NUM_UNIFORMS``).
         """
         state, motor_state = self._initial(people, uniforms)
-        self._state = replace_worlds(self._state, state, ids)
-        self._motor = replace_worlds(self._motor, motor_state, ids)
+        self._state = replace_task_states(self._state, state, ids)
+        self._motor = replace_task_states(self._motor, motor_state, ids)
 
     def _initial(self, people: People, uniforms: FloatArray) -> tuple[BehaviourState, MotorState]:
         if self._partners is not None:
@@ -158,5 +158,5 @@ def _chosen(world_mask: BoolArray | None, new: Any, old: Any) -> Any:
     if world_mask is None:
         return new
     rows = np.nonzero(world_mask)[0]
-    taken = {name: array[rows] for name, array in state_arrays(new).items()}
-    return replace_worlds(old, type(new)(**taken), rows)
+    taken = {name: array[rows] for name, array in task_state_arrays(new).items()}
+    return replace_task_states(old, type(new)(**taken), rows)

@@ -45,7 +45,7 @@ _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTA
 HIDDEN_GEOM_GROUP = 5
 Images = dict[str, NumpyArray]
 """Images by observation entry, such as ``wrist_rgb``."""
-PersonKey = tuple[str, float, float, str, float | None, float | None]
+PersonAppearanceKey = tuple[str, float, float, str, float | None, float | None]
 
 
 class CameraImages:
@@ -145,8 +145,8 @@ class _SexModel:
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._labels = _labels(model, episodes)
-        self._shown: PersonKey | None = None
-        self._people: dict[PersonKey, dict[str, NumpyArray]] = {}
+        self._shown: PersonAppearanceKey | None = None
+        self._people: dict[PersonAppearanceKey, dict[str, NumpyArray]] = {}
         self._skins = _skin_rows(model)
 
     def show(self, episodes: "Episodes", world: int, person: Person) -> None:
@@ -160,7 +160,7 @@ class _SexModel:
         model.body_quat[:] = batch.expand("body_quat")[world]
         update_poses(model, self._data, episodes.simulation.qpos(world))
 
-    def _set_person(self, key: PersonKey, person: Person, episodes: "Episodes") -> None:
+    def _set_person(self, key: PersonAppearanceKey, person: Person, episodes: "Episodes") -> None:
         """Set the size and skin tone of the model's person."""
         if key not in self._people:
             if len(self._people) > episodes.simulation.num_worlds:
@@ -298,7 +298,7 @@ def _labels(model: mujoco.MjModel, episodes: "Episodes") -> dict[tuple[int, int]
     return found | {(int(mujoco.mjtObj.mjOBJ_FLEX), flex): _TOOL for flex in range(model.nflex)}
 
 
-SKIN_ARRAYS = ("skin_vert", "skin_bonebindpos", "skin_bonebindquat")
+SKIN_MODEL_FIELDS = ("skin_vert", "skin_bonebindpos", "skin_bonebindquat")
 
 
 def _axis(name: str) -> str:
@@ -331,6 +331,6 @@ def _person_skins(person: Person, episodes: "Episodes") -> dict[str, NumpyArray]
     add_person_skins(spec, person, scene.posture, open_mouth=scene.tool.particles is not None)
     model = spec.compile()
     rows = _skin_rows(model)
-    return {name: getattr(model, name)[rows[_axis(name)]] for name in SKIN_ARRAYS} | {
+    return {name: getattr(model, name)[rows[_axis(name)]] for name in SKIN_MODEL_FIELDS} | {
         "mat_rgba": model.mat_rgba[rows["mat_rgba"]]
     }

@@ -9,7 +9,7 @@ PACKAGED_TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
 PACKAGED_ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED_ROBOTS)
 """Names of the packaged robots."""
 EPISODE_STEPS = 200
-WORLD_VERSION = 2
+SIMULATION_VERSION = 2
 """Version of the simulation: physics, initial states and rewards. Recordings store this version.
 
 If the versions differ, the recorded actions may lead to different states.

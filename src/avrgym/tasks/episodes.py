@@ -35,8 +35,8 @@ from avrgym.tasks.task import (
     StepResult,
     TaskState,
     joint_strength_shares,
-    replace_worlds,
-    state_arrays,
+    replace_task_states,
+    task_state_arrays,
 )
 from avrgym.tasks.world_people import WorldPeople, clip_joint_angles
 
@@ -45,10 +45,12 @@ if TYPE_CHECKING:
 
 ACTION_PENALTY_TERM = "action_squared"
 """Name of the reward term of the action penalty. This term depends on the agent, robot or human."""
-MAX_TOOL_ERROR_M = 0.01
+MAX_TOOL_POSITION_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
 MAX_REACH_SAMPLES = 10
-"""Maximum number of sampled initial states. Samples with a larger error than ``MAX_TOOL_ERROR_M`` are rejected."""
+"""Maximum number of sampled initial states. Samples with a larger error than ``MAX_TOOL_POSITION_ERROR_M`` are
+rejected.
+"""
 MAX_START_SAMPLES = 100
 """Maximum number of sampled initial states. Samples with overlapping bodies are rejected."""
 
@@ -186,7 +188,7 @@ class Episodes:
             self.simulation.model,
             base=None if self.scene.mount.on_floor else robot_model.PREFIX + self.scene.robot.base,
             arms=not (moving and person is not None),
-            offered=self._people.has_random_arm,
+            offered=self._people.has_random_arm_pose,
             mirrored=self.scene.in_task_frame.task_frame.mirrored,
         )
         there = self.simulation.example_array
@@ -253,7 +255,10 @@ class Episodes:
         while len(invalid):
             self._draw(invalid, [generator_of[world] for world in invalid.tolist()])
             self.start_samples[invalid] += 1
-            conflicts, far = self._conflicts(invalid), invalid[self._tool_error_m[invalid] > MAX_TOOL_ERROR_M]
+            conflicts, far = (
+                self._conflicts(invalid),
+                invalid[self._tool_error_m[invalid] > MAX_TOOL_POSITION_ERROR_M],
+            )
             for world in far[self.start_samples[far] >= MAX_REACH_SAMPLES].tolist():
                 raise NoClearanceError(
                     f"{self.environment_id}: with {self.settings} the arm does not reach the tool's start position in "
@@ -279,7 +284,9 @@ class Episodes:
             robot_q_w=q_w[world].tolist(),
             joint_positions=self._start_positions[world].tolist(),
             placed_pos_w={name: pos[world].tolist() for name, pos in self.simulation.placed_pos_w().items()},
-            memory={name: array[world].tolist() for name, array in state_arrays(self.task_state).items()},
+            memory={
+                name: array[world].tolist() for name, array in task_state_arrays(self.task_state).items()
+            },
         )
 
     def reset_to_start(self, start: EpisodeStart) -> None:
@@ -291,7 +298,7 @@ class Episodes:
         first = np.array([0])
         task_state = {
             name: np.array(start.memory[name], array.dtype).reshape(array[:1].shape)
-            for name, array in state_arrays(self.task_state).items()
+            for name, array in task_state_arrays(self.task_state).items()
         }
         placed = {name: np.array([start.placed_pos_w[name]]) for name in self.scene.movable_bodies}
         pos_w, q_w, angles = (
@@ -315,7 +322,7 @@ class Episodes:
         self.simulation.reset(ids, replace(start, people=self._with_strength(start.people)))
         self._tool_error_m[ids] = 0.0 if start.tool_position_error_m is None else start.tool_position_error_m
         self._start_positions[ids] = start.joint_positions
-        self.task_state = replace_worlds(self.task_state, task_state, ids)
+        self.task_state = replace_task_states(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
         """Returns the people with their joint strength multiplied by ``Task.strength_share``."""
@@ -472,9 +479,7 @@ class Episodes:
 
     def human_observation(self) -> FloatArray:
         """Returns the observations (N, H) of the human agents, see ``HumanObserver``."""
-        return self.human_observer.compute(
-            self.human_observer.person_inputs(self.simulation, self.task_state)
-        )
+        return self.human_observer.compute(self.human_observer.make_inputs(self.simulation, self.task_state))
 
     def human_reward(self, step: StepOutcome, action: FloatArray, *, shared: bool) -> FloatArray:
         """Returns the reward (N,) of people with actions (N, K).

@@ -22,7 +22,7 @@ from avrgym.tasks.registry import task_and_scene
 
 
 @dataclass(frozen=True, kw_only=True)
-class PersonInputs:
+class HumanObservationInputs:
     """The values from which N human observations are computed; world frame, metres, radians, newtons.
 
     Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each entry of
@@ -80,7 +80,7 @@ class HumanObserver:
         """Length O of an observation."""
         return len(self.bound)
 
-    def compute(self, inputs: PersonInputs) -> FloatArray:
+    def compute(self, inputs: HumanObservationInputs) -> FloatArray:
         """Returns observations (N, O)."""
         turned_back = transforms.conjugate(inputs.hips_q_w)
         parts = [
@@ -94,7 +94,7 @@ class HumanObserver:
         ]
         return np.concatenate([part.reshape(len(turned_back), -1) for part in parts], axis=1)
 
-    def _body(self, inputs: PersonInputs, turned_back: FloatArray) -> list[FloatArray]:
+    def _body(self, inputs: HumanObservationInputs, turned_back: FloatArray) -> list[FloatArray]:
         """Returns the entries of the offered body part, in the frame of the hips."""
         if self._is_arm:
             offset = inputs.arm_pos_w - inputs.hips_pos_w[:, None]
@@ -102,11 +102,11 @@ class HumanObserver:
         head = transforms.rotate(turned_back, inputs.head_pos_w - inputs.hips_pos_w)
         return [head, transforms.multiply(turned_back, inputs.head_q_w)]
 
-    def person_inputs(self, simulation: Simulation, task_state: Any) -> PersonInputs:
+    def make_inputs(self, simulation: Simulation, task_state: Any) -> HumanObservationInputs:
         """Returns the inputs for the people of a simulation with moving joints."""
         state = simulation.state()
         hips_pos_w, hips_q_w = simulation.hips_pose()
-        return PersonInputs(
+        return HumanObservationInputs(
             hips_pos_w=hips_pos_w,
             hips_q_w=hips_q_w,
             tool_pos_w=state.tool_pos_w,
@@ -121,7 +121,7 @@ class HumanObserver:
         )
 
 
-def human_observer_of(environment_id: str) -> tuple[HumanObserver, int]:
+def make_human_observer(environment_id: str) -> tuple[HumanObserver, int]:
     """Returns the human observation of an environment, and the length of human actions.
 
     Raises:

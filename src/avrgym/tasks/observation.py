@@ -60,7 +60,7 @@ def quaternion_entry(name: str, compute: EntryFunction) -> ObservationEntry:
     return ObservationEntry(name, 4, MAX_QUATERNION_COMPONENT, compute)
 
 
-def angles_entry(name: str, count: int, compute: EntryFunction) -> ObservationEntry:
+def joint_positions_entry(name: str, count: int, compute: EntryFunction) -> ObservationEntry:
     """Returns an entry of joint positions in radians or metres."""
     return ObservationEntry(name, count, MAX_ANGLE_RAD, compute)
 
@@ -144,7 +144,7 @@ MEASURED_ENTRIES = (
 """Names of the entries that a robot measures itself: joint positions, the tool's pose and the force at the tool."""
 
 
-def measured_by_robot(observation: Observation) -> BoolArray:
+def robot_measured_mask(observation: Observation) -> BoolArray:
     """Returns a mask (O,) of the values that the robot measures itself. The others need cameras or other sensors."""
     measured = [entry.name in MEASURED_ENTRIES for entry in observation.entries]
     return np.repeat(measured, [entry.size for entry in observation.entries])
@@ -158,9 +158,9 @@ def joint_positions(scene: SceneConfig) -> ObservationEntry:
     """
     count, drives = len(scene.arm.joints), scene.robot.drive is not None
     if drives:
-        return angles_entry("joint_positions", count + 3, _joint_positions_and_base)
+        return joint_positions_entry("joint_positions", count + 3, _joint_positions_and_base)
     name = "joint_positions" if arm_chain(scene).slide_joints else "arm_angles_rad"
-    return angles_entry(name, count, lambda state, _: state.joint_positions)
+    return joint_positions_entry(name, count, lambda state, _: state.joint_positions)
 
 
 def _joint_positions_and_base(state: State, _: Any) -> FloatArray:
@@ -187,7 +187,7 @@ RIGHT_ARM_FROM_ROBOT = tuple(
 """Common entries. Positions ``…_FROM_ROBOT`` are relative to the robot's torso, with the axes of the world frame."""
 
 
-def mouth_task_observation(scene: SceneConfig) -> Observation:
+def make_mouth_task_observation(scene: SceneConfig) -> Observation:
     """Returns the observation of the tasks feeding and drinking: tool, robot arm and head."""
     return Observation(
         (

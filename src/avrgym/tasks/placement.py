@@ -32,7 +32,7 @@ X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 _WHEELCHAIR_EDGE_M, _BED_EDGE_M = -0.345, -0.47
 
 
-def furniture_edge_m(posture: Posture) -> float:
+def furniture_edge_x_m(posture: Posture) -> float:
     """Returns the x coordinate of the edge of wheelchair or bed, on the person's right."""
     return _WHEELCHAIR_EDGE_M if posture.seated else _BED_EDGE_M
 
@@ -193,7 +193,7 @@ def _clear_of_furniture(scene: SceneConfig, candidates: BasePoses) -> BasePoses:
     """Returns the candidates. Bases that would overlap the furniture are moved away from the person."""
     sine, cosine = elementary.sine_and_cosine(candidates.yaw_rad)
     turned = np.abs(cosine) + np.abs(sine)
-    nearest = furniture_edge_m(scene.posture) - scene.robot.half_width_m * turned
+    nearest = furniture_edge_x_m(scene.posture) - scene.robot.half_width_m * turned
     pos_w = candidates.pos_w.copy()
     if scene.mount.pos_w[0] < 0.0:
         pos_w[..., 0] = np.minimum(pos_w[..., 0], nearest)

@@ -25,7 +25,7 @@ MAX_MEAN_DRAWS = 2.0
 """Maximum mean number of samples for one valid initial state: half of the samples may be rejected."""
 CHECK_POPULATION, NUM_CHECK_STARTS = "revised", 32
 """Population of a robot check, and its number of initial states."""
-STARTS_PER_BODY = 4
+NUM_STARTS_PER_BODY = 4
 """Number of initial states for each combination of sex and torso height."""
 ARM_BATCH_SIZE = 50
 
@@ -71,7 +71,7 @@ def draw_starts(episodes: Episodes) -> StartDrawStatistics:
 
 
 @cache
-def draws_by_body(
+def start_draws_by_body(
     environment_id: str, settings: Settings = DEFAULT_SETTINGS
 ) -> tuple[tuple[Person, StartDrawStatistics], ...]:
     """Sample initial states next to people at rest: both sexes, with the smallest and the largest torso height.
@@ -79,7 +79,7 @@ def draws_by_body(
     Returns each person with the statistics of the numbers of samples.
     """
     episodes = Episodes(
-        environment_id, STARTS_PER_BODY, person=Person(), moving=True, num_threads=1, settings=settings
+        environment_id, NUM_STARTS_PER_BODY, person=Person(), moving=True, num_threads=1, settings=settings
     )
     return tuple(_of_bodies(episodes))
 
@@ -92,7 +92,7 @@ def _of_bodies(episodes: Episodes) -> Iterator[tuple[Person, StartDrawStatistics
 
 
 def check_starts(environment_id: str) -> StartDrawStatistics:
-    """Sample initial states next to random people, then next to the people of ``draws_by_body``.
+    """Sample initial states next to random people, then next to the people of ``start_draws_by_body``.
 
     Returns:
         Statistics of the numbers of samples next to random people.
@@ -103,7 +103,7 @@ def check_starts(environment_id: str) -> StartDrawStatistics:
     drawn = draw_starts(Episodes(environment_id, NUM_CHECK_STARTS, people=CHECK_POPULATION, num_threads=1))
     faults = [
         each.error_message
-        for each in (drawn, *(own for _, own in draws_by_body(environment_id)))
+        for each in (drawn, *(own for _, own in start_draws_by_body(environment_id)))
         if each.error_message
     ]
     if faults:

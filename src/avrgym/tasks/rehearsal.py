@@ -17,7 +17,7 @@ STEPS_PER_GOAL, IK_ITERATIONS = 6, 8
 """Number of steps from one goal to the next, and of iterations of the inverse kinematics in each step."""
 CLEARANCE_MARGIN_M, JOINT_LIMIT_MARGIN_RAD = 0.02, 0.15
 """Distances from person and furniture, and from joint limits, below which the cost of a motion increases."""
-BLOCK_WORLDS = 64
+WORLDS_PER_BLOCK = 64
 """Number of worlds in one batch of computations. Small batches limit the memory."""
 ALLOWED_POSITION_ERROR_M, ALLOWED_ROTATION_ERROR_RAD = 0.005, 0.05
 PATH_SHARES, PATH_IK_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
@@ -59,7 +59,7 @@ class GoalPathCost:
         The cost is a sum of three terms: the largest deviation from the path, the missing distance from person and
         furniture, and the missing distance from joint limits.
         """
-        parts = np.array_split(np.arange(len(yaw_rad)), -(-len(yaw_rad) // BLOCK_WORLDS))
+        parts = np.array_split(np.arange(len(yaw_rad)), -(-len(yaw_rad) // WORLDS_PER_BLOCK))
         costs = [self._cost(part, base_pos_w[part], yaw_rad[part], joint_positions[part]) for part in parts]
         return np.concatenate(costs)
 

@@ -325,14 +325,16 @@ def _is_strength_share(strength_share: float | Mapping[str, float]) -> bool:
     return bool(((shares > 0.0) & (shares <= 1.0)).all())
 
 
-def state_arrays(task_state: object) -> dict[str, NumpyArray]:
+def task_state_arrays(task_state: object) -> dict[str, NumpyArray]:
     """Returns the arrays of a task state, by name."""
     return vars(task_state)
 
 
-def replace_worlds(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
+def replace_task_states(old: TaskState, new: TaskState, ids: IntArray) -> TaskState:
     """Returns a copy of the state ``old`` of N worlds. The worlds ``ids`` (n,) have the state ``new``."""
-    arrays = {name: namespace(array).asarray(array, copy=True) for name, array in state_arrays(old).items()}
+    arrays = {
+        name: namespace(array).asarray(array, copy=True) for name, array in task_state_arrays(old).items()
+    }
     for name, array in arrays.items():
         array[ids] = to_device_of(getattr(new, name), array)
     return type(old)(**arrays)

@@ -23,10 +23,10 @@ from avrgym.people.zoo.commanding import CommandingPartners, PartnerCommands
 from avrgym.simulation.start_clearance import EXTRA_TREMOR_CLEARANCE_M
 from avrgym.simulation.state import State
 from avrgym.tasks.behaviour_model import BehaviourModel
-from avrgym.tasks.human_view import human_observer_of
+from avrgym.tasks.human_view import make_human_observer
 from avrgym.tasks.registry import TASKS, find_environment
 from avrgym.tasks.settings import PERSON_SETTINGS, Settings
-from avrgym.tasks.task import replace_worlds
+from avrgym.tasks.task import replace_task_states
 from avrgym.tasks.task_in_frame import state_in_frame
 
 NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperation.NUM_UNIFORMS
@@ -55,7 +55,7 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
                 f"{population.name}: this human was trained for {trained_for}; for {environment_id}, train one with "
                 f"`avrgym train {environment_id} --recipe pair`"
             )
-        view, joints = human_observer_of(environment_id)
+        view, joints = make_human_observer(environment_id)
         sizes = (population.trained_policy.observation_size, population.trained_policy.action_size)
         if sizes != (view.size, joints):
             raise PolicyError(
@@ -117,7 +117,7 @@ class WorldPeople:
         self._task, self._frame = TASKS[find_environment(environment_id)[0]], scene.in_task_frame.task_frame
         self._posture, self._mirror_axis = scene.in_task_frame.posture, scene.tool.mirror_axis
         self._furniture = furniture_boxes(scene.furniture).in_frame(self._frame)
-        requested = impairments.find_impairment(impairment)
+        requested = impairments.parse_impairment(impairment)
         self._populations = [
             replace(population, impairment=population.effective_impairment(requested))
             for population in environment_populations(name_or_path, environment_id)
@@ -166,9 +166,9 @@ class WorldPeople:
         return bool(self._policies) or self._actions
 
     @property
-    def has_random_arm(self) -> bool:
+    def has_random_arm_pose(self) -> bool:
         """Whether the initial pose of these people's arm is random."""
-        return self.person is None and any(self._pose(each).has_random_arm for each in self._populations)
+        return self.person is None and any(self._pose(each).has_random_arm_pose for each in self._populations)
 
     def create_people(self, example_array: Any) -> None:
         """Create the people, and their behaviour model on the device of ``example_array``."""
@@ -214,13 +214,13 @@ class WorldPeople:
         for number, population in enumerate(self._populations[1:], start=1):
             (rows,) = np.nonzero(chosen == number)
             others = self._sample(population, for_bodies[rows], for_impairments[rows], for_behaviour[rows])
-            people = replace_worlds(people, others, rows)
-        self._set_people(replace_worlds(self.people, people, ids))
+            people = replace_task_states(people, others, rows)
+        self._set_people(replace_task_states(self.people, people, ids))
         self._behaviour.reset(ids, self._frame.transform_people(people), for_behaviour)
         if self._signs is not None and self._motion is not None:
-            self._signs = replace_worlds(self._signs, self._sample_signs(chosen, for_impairments), ids)
+            self._signs = replace_task_states(self._signs, self._sample_signs(chosen, for_impairments), ids)
             start = impaired_motion.initial_state(people.joint_angles_rad)
-            self._motion = replace_worlds(self._motion, start, ids)
+            self._motion = replace_task_states(self._motion, start, ids)
         self._steps[ids] = 0
         if self.commands is not None:
             self.commands.reset(ids, for_behaviour)
@@ -264,7 +264,7 @@ class WorldPeople:
         for number, population in enumerate(self._populations):
             if impairments.is_clinical(population.impairment):
                 (rows,) = np.nonzero(chosen == number)
-                signs = replace_worlds(
+                signs = replace_task_states(
                     signs, sample_motor_signs(population.impairment, for_impairments[rows]), rows
                 )
         return signs
@@ -330,7 +330,7 @@ class WorldPeople:
         else:
             rows = np.nonzero(world_mask)[0]
             taken = ImpairedMotionState(**{name: array[rows] for name, array in vars(motion).items()})
-            self._motion = replace_worlds(self._motion, taken, rows)
+            self._motion = replace_task_states(self._motion, taken, rows)
         return self._limit(executed)
 
     def _observing(self, observe: Callable[[], State]) -> Callable[[], State]:

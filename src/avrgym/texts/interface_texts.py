@@ -44,11 +44,11 @@ OPTIONAL_PAGE_KEYS = (
     "caption_success",
     "prefer",
 )
-HOST_PREFIX = "host_"
+HOST_KEY_PREFIX = "host_"
 """Prefix of the keys under ``page`` for the pages of hosted studies. They are optional too."""
 OPTIONAL_SESSION_KEYS = ("headset_stretched_one", "reach_ahead_one", "reach_aside_one", "no_preferences")
 """Optional keys under ``session``. As for ``OPTIONAL_PAGE_KEYS``, the default is the English text."""
-PAGE_SUFFIX = "_page"
+PAGE_KEY_SUFFIX = "_page"
 """Suffix of keys under ``session`` for the participant's page without a headset."""
 SELECT_PLACEHOLDER, SELECT_NAME_PREFIX = "select", "select_by_"
 """Placeholder for the name of the select action, and prefix of the keys with the names for each select input."""
@@ -134,7 +134,7 @@ class InterfaceTexts:
 
     def render_for_page(self, text: ParticipantText) -> str:
         """Returns the text for the page without a headset, with values instead of placeholders."""
-        on_page = text.key + PAGE_SUFFIX
+        on_page = text.key + PAGE_KEY_SUFFIX
         return self.render(
             ParticipantText(on_page, text.placeholder_values) if on_page in self.session else text
         )
@@ -195,7 +195,9 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
         added.direction or included.direction or TEXT_DIRECTIONS[0],
         added.decimal or included.decimal or ".",
         {key: _ENGLISH.session[key] for key in OPTIONAL_SESSION_KEYS} | included.session | added.session,
-        {key: text for key, text in _ENGLISH.page.items() if is_optional(key)} | included.page | added.page,
+        {key: text for key, text in _ENGLISH.page.items() if is_optional_page_key(key)}
+        | included.page
+        | added.page,
         {
             normalize_whitespace(sentence): text
             for sentence, text in (included.sentences | added.sentences).items()
@@ -205,9 +207,9 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
     return texts
 
 
-def is_optional(key: str) -> bool:
+def is_optional_page_key(key: str) -> bool:
     """Returns whether a key under ``page`` is optional."""
-    return key in OPTIONAL_PAGE_KEYS or key.startswith(HOST_PREFIX)
+    return key in OPTIONAL_PAGE_KEYS or key.startswith(HOST_KEY_PREFIX)
 
 
 @cache
@@ -234,7 +236,7 @@ def _read(text: str, name: str) -> TextsFile:
 def _check(texts: InterfaceTexts, where: str) -> None:
     """Raises ``InvalidTextsError`` if keys or placeholders differ from the English texts.
 
-    A language may have additional page texts (``PAGE_SUFFIX``). It needs names of select actions only if a text
+    A language may have additional page texts (``PAGE_KEY_SUFFIX``). It needs names of select actions only if a text
     contains ``{select}`` or ``{choose}``.
     """
     if texts.direction not in TEXT_DIRECTIONS:
@@ -248,7 +250,7 @@ def _check(texts: InterfaceTexts, where: str) -> None:
         named = {name for text in own for name in _names(text)}
         needed = [key for key in expected if _is_needed(key, named)]
         missing = [key for key in needed if not found.get(key, "").strip()]
-        like = {key: key if key in expected else key.removesuffix(PAGE_SUFFIX) for key in found}
+        like = {key: key if key in expected else key.removesuffix(PAGE_KEY_SUFFIX) for key in found}
         unknown = [key for key, english in like.items() if english not in expected]
         if missing:
             more = f" and {len(missing) - MAX_LISTED_KEYS} more" if len(missing) > MAX_LISTED_KEYS else ""

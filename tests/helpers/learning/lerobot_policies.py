@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from avrgym.policies.lerobot import PYTHON_VARIABLE
+from avrgym.policies.lerobot import LEROBOT_PYTHON_VARIABLE
 
 MAKE_ACT = """
 import json, sys
@@ -68,7 +68,7 @@ for line in sys.stdin:
 
 def lerobot_python() -> str | None:
     """The Python that has LeRobot, or None."""
-    python = os.environ.get(PYTHON_VARIABLE) or sys.executable
+    python = os.environ.get(LEROBOT_PYTHON_VARIABLE) or sys.executable
     return python if has_modules(python, "lerobot") else None
 
 

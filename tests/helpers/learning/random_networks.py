@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from avrgym.networks.policy import Policy, PolicyMetadata, TrainedHumanMetadata
-from avrgym.tasks.human_view import human_observer_of
+from avrgym.tasks.human_view import make_human_observer
 from avrgym.tasks.registry import observation_and_action_size
 
 
@@ -19,7 +19,7 @@ def random_network(
     deviation: float = 0.1,
 ) -> Policy:
     """Return the policy of a human or a robot with random weights."""
-    view, joints = human_observer_of(environment)
+    view, joints = make_human_observer(environment)
     observed, acted = (view.size, joints) if of_human else observation_and_action_size(environment)
     random = np.random.default_rng(seed)
     return Policy(

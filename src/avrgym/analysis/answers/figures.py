@@ -38,8 +38,8 @@ from avrgym.analysis.page.drawing import (
     TEXT_ON_LIGHT_COLOUR,
     ReportFigure,
     add_legend,
-    finish_figure,
     label_x_ticks,
+    make_report_figure,
 )
 from avrgym.analysis.reading.rows import ALL_LABEL
 from avrgym.analysis.statistics.comparisons import MIN_PARTICIPANTS, PARTICIPANT_UNIT, PRIMARY, ComparisonRow
@@ -84,7 +84,7 @@ def mean_answer_figures(
             tested = "; p over participants, corrected over all primary results" if differ else ""
             caption = f"{questionnaire.name}: mean answers over all trials, as in the paper{tested}"
             figure = mean_answer_chart(design, questionnaire, own, differ)
-            yield finish_figure(
+            yield make_report_figure(
                 simulated,
                 f"{trial_answer_figure_name(design, questionnaire)}-means",
                 caption,
@@ -189,7 +189,7 @@ def _likert_figure(
         axes.set_ylim(bottom - 0.4, 0.0)
     rows = [row for own in groups.values() for row in own]
     note = proxy_answer_note(sum(row.by_proxy for row in rows), sum(row.count for row in rows))
-    return finish_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure, note)
+    return make_report_figure(simulated, name, _caption(questionnaire, counted, bool(brackets)), figure, note)
 
 
 def proxy_answer_note(by_proxy: int, answers: int) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 from avrgym.analysis.answers.session_answers import (
     AFTER,
     BEFORE,
-    CHANGE,
+    CHANGE_LABEL,
     MOMENT_LABELS,
     compare_before_after,
     values_at_moment,
@@ -28,7 +28,7 @@ from avrgym.analysis.columns import (
     ValueCount,
 )
 from avrgym.analysis.page.comparisons import TestTables
-from avrgym.analysis.page.elements import Markup, number_text, short_number, table, tag
+from avrgym.analysis.page.elements import Markup, number_text, short_number_text, table, tag
 from avrgym.analysis.reading.rows import ScoreRow
 from avrgym.analysis.statistics.comparisons import (
     PARTICIPANT_UNIT,
@@ -59,7 +59,7 @@ class ScoreSummaryRow:
     questionnaire: QuestionnaireName
     scale: Annotated[str, COLUMNS_BY_TABLE["scores"]["scale"]]
     moment: Annotated[
-        str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER_TRIAL}, {AFTER}, {CHANGE}")
+        str, Column("Moment of the answers.", allowed=f"{BEFORE}, {AFTER_TRIAL}, {AFTER}, {CHANGE_LABEL}")
     ]
     policy: PolicyNameOrNone
     n: ValueCount
@@ -81,11 +81,11 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
             proxies = _by_proxy(own, scale, (AFTER_TRIAL,), policy)
             rows += _summary_rows(simulated, questionnaire, scale, AFTER_TRIAL, policy, values, len(proxies))
         given = _about_sessions(own)
-        for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE)):
+        for scale, moment in product(_scales(own), (BEFORE, AFTER, CHANGE_LABEL)):
             values = values_at_moment(moment, scale, given)
-            moments = SESSION_QUESTION_MOMENTS if moment == CHANGE else (moment,)
+            moments = SESSION_QUESTION_MOMENTS if moment == CHANGE_LABEL else (moment,)
             people = {row.participant for row in _by_proxy(own, scale, moments, None)}
-            if moment == CHANGE:
+            if moment == CHANGE_LABEL:
                 people &= set(given.get((BEFORE, scale), {})) & set(given.get((AFTER, scale), {}))
             rows += _summary_rows(simulated, questionnaire, scale, moment, None, values, len(people))
     return rows
@@ -276,9 +276,9 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
     body = [
         (
             row.scale, *_range_cells(row, instrument), row.policy or "",
-            MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, short_number(row.median),
-            f"{short_number(row.lower_quartile)} to {short_number(row.upper_quartile)}", number_text(row.mean),
-            f"{short_number(row.minimum)} to {short_number(row.maximum)}",
+            MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, short_number_text(row.median),
+            f"{short_number_text(row.lower_quartile)} to {short_number_text(row.upper_quartile)}", number_text(row.mean),
+            f"{short_number_text(row.minimum)} to {short_number_text(row.maximum)}",
         )
         for row in rows
     ]  # fmt: skip
@@ -288,7 +288,9 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
 def _range_cells(row: ScoreSummaryRow, instrument: Instrument) -> tuple[str, str]:
     """Returns the lowest and the highest possible score of a scale as cells; empty cells for changes."""
     minimum, maximum = instrument.score_range(row.scale)
-    return ("", "") if row.moment == CHANGE else (short_number(minimum), short_number(maximum))
+    return (
+        ("", "") if row.moment == CHANGE_LABEL else (short_number_text(minimum), short_number_text(maximum))
+    )
 
 
 def _score_table(caption: str, rows: Sequence[ScoreRow]) -> Markup:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from avrgym.analysis.answers.figures import session_answer_figure_name, trial_answer_figure_name
 from avrgym.analysis.answers.session_answers import (
-    CHANGE,
+    CHANGE_LABEL,
     MOMENT_LABELS,
     SessionAnswerRow,
     further_questionnaires,
@@ -106,7 +106,7 @@ def _about_sessions(
         row
         for row in answers
         if (row.simulated, row.questionnaire) == (simulated, questionnaire.name)
-        and row.moment in (*SESSION_QUESTION_MOMENTS, CHANGE)
+        and row.moment in (*SESSION_QUESTION_MOMENTS, CHANGE_LABEL)
     ]
     if not rows:
         return Markup()

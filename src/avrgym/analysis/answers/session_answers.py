@@ -33,16 +33,16 @@ from avrgym.analysis.statistics.comparisons import (
 )
 from avrgym.analysis.statistics.tests import signed_rank_test, summary_statistics
 from avrgym.commands.respondents import PROXY
-from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_QUESTION_MOMENTS, Questionnaire
+from avrgym.questionnaires.questionnaire import REPEATABLE_MOMENTS, SESSION_QUESTION_MOMENTS, Questionnaire
 from avrgym.study.design.design import Design
 from avrgym.system.columns import Column
 
 BEFORE, AFTER = SESSION_QUESTION_MOMENTS
-CHANGE = "change"
+CHANGE_LABEL = "change"
 MOMENT_LABELS = {
     BEFORE: "before",
     AFTER: "after",
-    CHANGE: "change",
+    CHANGE_LABEL: "change",
     "after_break": "after breaks",
     "caregiver": "caregivers",
 }
@@ -84,7 +84,7 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
     """Returns summary rows of each item: before sessions, after sessions, for the change, and at further moments."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
-        for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE)):
+        for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE_LABEL)):
             values = values_at_moment(moment, item.id, given)
             if values:
                 proxies = _participants_with_proxy(answers, simulated, moment, item.id)
@@ -97,7 +97,7 @@ def further_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
     return [
         (each, moment)
         for each in design.questionnaires
-        for moment in FURTHER_MOMENTS
+        for moment in REPEATABLE_MOMENTS
         if moment in each.moments
     ]
 
@@ -145,9 +145,9 @@ def session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[
 def values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[float]:
     """Returns the values of ``quantity`` at ``moment``.
 
-    For ``CHANGE``, the values are after minus before, for participants with both values.
+    For ``CHANGE_LABEL``, the values are after minus before, for participants with both values.
     """
-    if moment != CHANGE:
+    if moment != CHANGE_LABEL:
         return list(given.get((moment, quantity), {}).values())
     before, after = given.get((BEFORE, quantity), {}), given.get((AFTER, quantity), {})
     return [round(after[name] - before[name], MEAN_DECIMALS) for name in after if name in before]
@@ -203,7 +203,7 @@ def _participants_with_proxy(
     answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
 ) -> set[str]:
     """Returns the participants with a value from an answer of a proxy. A change is computed from two answers."""
-    moments = SESSION_QUESTION_MOMENTS if moment == CHANGE else (moment,)
+    moments = SESSION_QUESTION_MOMENTS if moment == CHANGE_LABEL else (moment,)
     given = [_counted(answers, simulated, each, quantity) for each in moments]
     known = set[str].intersection(*({row.participant for row in own} for own in given))
     proxies = {row.participant for own in given for row in own if row.respondent == PROXY}

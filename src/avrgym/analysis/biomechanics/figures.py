@@ -21,13 +21,13 @@ from avrgym.analysis.page.drawing import (
     TEXT_COLOUR,
     ReportFigure,
     add_legend,
-    finish_figure,
+    make_report_figure,
 )
 from avrgym.models.human import SEXES
 
 MAX_SHOWN_PEOPLE = 150
 """Maximum number of sampled people in a figure, for each population and posture."""
-HISTOGRAM_BIN_M = 0.01
+HISTOGRAM_BIN_WIDTH_M = 0.01
 
 
 def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) -> ReportFigure:
@@ -38,9 +38,9 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) 
     }
     samples = {"participants": own, **trained}
     edges = np.arange(
-        min(map(min, samples.values())) - 2 * HISTOGRAM_BIN_M,
-        max(map(max, samples.values())) + 2 * HISTOGRAM_BIN_M,
-        HISTOGRAM_BIN_M,
+        min(map(min, samples.values())) - 2 * HISTOGRAM_BIN_WIDTH_M,
+        max(map(max, samples.values())) + 2 * HISTOGRAM_BIN_WIDTH_M,
+        HISTOGRAM_BIN_WIDTH_M,
     )
     with matplotlib.rc_context(MATPLOTLIB_STYLE):
         figure = Figure(figsize=(FIGURE_WIDTH_IN, 3.0), layout="constrained")
@@ -60,7 +60,7 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) 
         axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.6)
         axes.set(xlabel="torso height / m", ylabel="share per cm")
         add_legend(figure, columns=2)
-    return finish_figure(
+    return make_report_figure(
         trials.simulated, "torso-heights", "Torso heights of participants and of training populations", figure
     )
 
@@ -89,7 +89,7 @@ def head_position_figure(trials: BodyTrials, people: Sequence[SampledPersonRow])
         "Head centres of participants (mean of each trial) and of training populations (up to "
         f"{MAX_SHOWN_PEOPLE} people of each)"
     )
-    return finish_figure(trials.simulated, "head-positions", caption, figure)
+    return make_report_figure(trials.simulated, "head-positions", caption, figure)
 
 
 def _heads(

@@ -12,7 +12,7 @@ from avrgym.analysis.page.elements import (
     empty_section,
     group_caption,
     number_text,
-    short_number,
+    short_number_text,
     table,
     tag,
 )
@@ -63,7 +63,7 @@ def _ranges(rows: Sequence[MeasureRangeRow], simulated: bool) -> Markup:
 
 
 def _ends(low: float, high: float) -> str:
-    return f"{short_number(low)} to {short_number(high)}"
+    return f"{short_number_text(low)} to {short_number_text(high)}"
 
 
 def _distributions(rows: Sequence[BiomechanicsRow], simulated: bool) -> Markup:

@@ -9,7 +9,7 @@ import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from avrgym.analysis.outcomes.outcomes import ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import ObjectiveOutcomeRow
 from avrgym.analysis.page.drawing import (
     BAR_GROUP_WIDTH,
     FIGURE_WIDTH_IN,
@@ -18,8 +18,8 @@ from avrgym.analysis.page.drawing import (
     TEXT_COLOUR,
     ReportFigure,
     add_legend,
-    finish_figure,
     label_x_ticks,
+    make_report_figure,
 )
 from avrgym.study.design.design import Design
 
@@ -28,19 +28,19 @@ SIMULATION_LABEL = "simulation"
 """Label of simulation results in the legend."""
 
 
-def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> ReportFigure:
+def success_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
     """Returns a figure of the success rates of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Success", simulated, rows)
     return _objective_figure(design, simulated, rows, "success", "success", "success_rate", caption)
 
 
-def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveRow]) -> ReportFigure:
+def reward_figure(design: Design, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> ReportFigure:
     """Returns a figure of the mean rewards of all conditions in VR and in simulation, with confidence intervals."""
     caption = _objective_caption("Mean reward", simulated, rows)
     return _objective_figure(design, simulated, rows, "reward", "reward", "reward_mean", caption)
 
 
-def _objective_caption(what: str, simulated: bool, rows: Sequence[ObjectiveRow]) -> str:
+def _objective_caption(what: str, simulated: bool, rows: Sequence[ObjectiveOutcomeRow]) -> str:
     measured = any(row.simulation_episodes for row in rows if row.simulated is simulated)
     return f"{what} in VR (bars){' and in simulation (diamonds)' if measured else ''}, with 95 % intervals"
 
@@ -48,7 +48,7 @@ def _objective_caption(what: str, simulated: bool, rows: Sequence[ObjectiveRow])
 def _objective_figure(
     design: Design,
     simulated: bool,
-    rows: Sequence[ObjectiveRow],
+    rows: Sequence[ObjectiveOutcomeRow],
     kind: str,
     interval: str,
     mean: str,
@@ -69,10 +69,12 @@ def _objective_figure(
                 axes.set_ylim(0.0, 1.05)
                 axes.set_yticks(TICK_SHARES, [f"{100 * share:g}" for share in TICK_SHARES])
         add_legend(figure, columns=3)
-    return finish_figure(simulated, kind, caption, figure)
+    return make_report_figure(simulated, kind, caption, figure)
 
 
-def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interval: str, mean: str) -> None:
+def _conditions(
+    axes: Axes, design: Design, rows: Sequence[ObjectiveOutcomeRow], interval: str, mean: str
+) -> None:
     width = BAR_GROUP_WIDTH / len(design.policies)
     for row in rows:
         policy = design.policies.index(row.policy)
@@ -89,7 +91,7 @@ def _conditions(axes: Axes, design: Design, rows: Sequence[ObjectiveRow], interv
     axes.axhline(0.0, color=TEXT_COLOUR, linewidth=0.6)
 
 
-def _interval(axes: Axes, x: float, row: ObjectiveRow, interval: str, prefix: str) -> None:
+def _interval(axes: Axes, x: float, row: ObjectiveOutcomeRow, interval: str, prefix: str) -> None:
     low, high = getattr(row, f"{prefix}{interval}_low"), getattr(row, f"{prefix}{interval}_high")
     if low is not None and high is not None:
         axes.plot([x, x], [low, high], color=TEXT_COLOUR, linewidth=1.0, label="95 % interval")

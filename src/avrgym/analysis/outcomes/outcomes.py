@@ -103,11 +103,11 @@ class SimulationResult:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ObjectiveRow(SimulationResult, ConditionOutcome):
+class ObjectiveOutcomeRow(SimulationResult, ConditionOutcome):
     """Results of the analysed trials in one condition, and results of the same policy in simulation."""
 
 
-def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRow]:
+def objective_outcome_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveOutcomeRow]:
     """Returns a row for each condition, then a row over all tasks for each robot and policy.
 
     People and simulated participants have separate rows. Confidence intervals of rewards use Student's t over trials:
@@ -119,7 +119,7 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
         (task, robot, policy): simulation_result(store, environment_id(task, robot), policy)
         for task, robot, policy in product(design.tasks, design.robots, design.policies)
     }
-    rows: list[ObjectiveRow] = []
+    rows: list[ObjectiveOutcomeRow] = []
     for simulated in sorted({row.simulated for row in trials if row.counted}):
         own = [row for row in trials if row.counted and row.simulated is simulated]
         for (task, robot, policy), measured in beside.items():
@@ -132,8 +132,10 @@ def objective_rows(store: Store, trials: Sequence[TrialRow]) -> list[ObjectiveRo
 
 def _condition(
     trials: Sequence[TrialRow], simulated: bool, task: str, robot: str, policy: str, beside: SimulationResult
-) -> ObjectiveRow:
-    return ObjectiveRow(**asdict(condition_outcome(trials, simulated, task, robot, policy)), **asdict(beside))
+) -> ObjectiveOutcomeRow:
+    return ObjectiveOutcomeRow(
+        **asdict(condition_outcome(trials, simulated, task, robot, policy)), **asdict(beside)
+    )
 
 
 def condition_outcome(

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 
-from avrgym.analysis.outcomes.outcomes import ConditionOutcome, ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import ConditionOutcome, ObjectiveOutcomeRow
 from avrgym.analysis.reading.rows import ALL_LABEL
 from avrgym.analysis.tables import Table
 from avrgym.study.design.design import Design
@@ -41,24 +41,24 @@ class PaperTable:
     rows: dict[str, tuple[PaperTableCell, ...]]
 
 
-def _in_vr(row: ObjectiveRow) -> PaperTableCell:
+def _in_vr(row: ObjectiveOutcomeRow) -> PaperTableCell:
     return PaperTableCell(row.reward_mean, row.success_rate)
 
 
-def _in_simulation(row: ObjectiveRow) -> PaperTableCell:
+def _in_simulation(row: ObjectiveOutcomeRow) -> PaperTableCell:
     return PaperTableCell(row.simulation_reward_mean, row.simulation_success_rate)
 
 
-TABLE_1_HALVES: Mapping[str, Callable[[ObjectiveRow], PaperTableCell]] = {
+TABLE_1_CELL_FUNCTIONS: Mapping[str, Callable[[ObjectiveOutcomeRow], PaperTableCell]] = {
     "simulation": _in_simulation,
     "VR": _in_vr,
 }
 """Functions by name of the half of Table I. Each returns the cell of a condition."""
-PaperTableColumn = tuple[str, str, Callable[[ObjectiveRow], PaperTableCell]]
+PaperTableColumn = tuple[str, str, Callable[[ObjectiveOutcomeRow], PaperTableCell]]
 """A table column: robot, policy, and a function that returns the cell of a condition."""
 
 
-def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[PaperTable]:
+def paper_tables(design: Design, rows: Sequence[ObjectiveOutcomeRow]) -> Iterator[PaperTable]:
     """Yields Table I for each policy, then Table II: first for people, then for simulated participants.
 
     In Table I, a robot without simulation results has no simulation column.
@@ -68,7 +68,7 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
         for policy in design.policies:
             columns = {
                 f"{side} {robot}": (robot, policy, read)
-                for (side, read), robot in product(TABLE_1_HALVES.items(), design.robots)
+                for (side, read), robot in product(TABLE_1_CELL_FUNCTIONS.items(), design.robots)
                 if read is _in_vr
                 or any(read(own[task, robot, policy]) != EMPTY_TABLE_CELL for task in design.tasks)
             }
@@ -89,7 +89,9 @@ def paper_tables(design: Design, rows: Sequence[ObjectiveRow]) -> Iterator[Paper
 
 
 def _cells(
-    design: Design, rows: Mapping[tuple[str, str, str], ObjectiveRow], columns: Collection[PaperTableColumn]
+    design: Design,
+    rows: Mapping[tuple[str, str, str], ObjectiveOutcomeRow],
+    columns: Collection[PaperTableColumn],
 ) -> dict[str, tuple[PaperTableCell, ...]]:
     """Returns the cells by task, then over all tasks. Keys of ``rows``: (task, robot, policy)."""
     return {

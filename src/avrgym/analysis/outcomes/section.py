@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, ObjectiveRow
+from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, ObjectiveOutcomeRow
 from avrgym.analysis.outcomes.paper_tables import PaperTable, paper_tables
 from avrgym.analysis.page.comparisons import TestTables
 from avrgym.analysis.page.drawing import ReportFigures, inline_figures
@@ -23,7 +23,7 @@ from avrgym.study.design.design import Design
 
 def outcomes_section(
     design: Design,
-    outcomes: Sequence[ObjectiveRow],
+    outcomes: Sequence[ObjectiveOutcomeRow],
     simulated: bool,
     drawings: ReportFigures,
     tests: TestTables,
@@ -62,7 +62,7 @@ def _reward(mean: float | None, rate: float | None) -> str:
     return share if mean is None else f"{number_text(mean, digits=0)} ({share})"
 
 
-def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
+def _intervals(rows: Sequence[ObjectiveOutcomeRow], simulated: bool) -> Markup:
     simulation = any(row.simulation_episodes for row in rows)
     heads = (
         "Task", "Robot", "Policy", "Trials", "Reward", "Success",
@@ -83,7 +83,7 @@ def _intervals(rows: Sequence[ObjectiveRow], simulated: bool) -> Markup:
     )
 
 
-def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
+def _simulation_cells(row: ObjectiveOutcomeRow) -> tuple[object, ...]:
     """Returns the table cells with the simulation results of a condition."""
     return (
         row.simulation_population or "–",
@@ -98,7 +98,7 @@ def _simulation_cells(row: ObjectiveRow) -> tuple[object, ...]:
     )
 
 
-def _remarks(rows: Sequence[ObjectiveRow]) -> Markup:
+def _remarks(rows: Sequence[ObjectiveOutcomeRow]) -> Markup:
     """Returns a bullet list of notes about simulation results. Each note is listed once, with all its conditions."""
     about: dict[str, list[str]] = {}
     for row in rows:

@@ -8,7 +8,7 @@ from avrgym.analysis.page.elements import (
     effect_size_text,
     group_caption,
     p_text,
-    short_number,
+    short_number_text,
     table,
     tag,
 )
@@ -19,14 +19,14 @@ TestTables = dict[str, Markup]
 """Tables of tests, by caption. A report section that contains a table removes it from this dictionary."""
 
 
-def tables_of_tests(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
+def test_tables_by_caption(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
     """Returns the tables of all tests of people (or of simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table_caption == caption for row in family.rows]
         for caption in dict.fromkeys(family.question.table_caption for family in own)
     }
-    return {caption: table_of_tests(caption, tests, simulated) for caption, tests in rows.items()}
+    return {caption: test_table(caption, tests, simulated) for caption, tests in rows.items()}
 
 
 def other_tests_section(tests: TestTables) -> Markup:
@@ -34,7 +34,7 @@ def other_tests_section(tests: TestTables) -> Markup:
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
-def table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
+def test_table(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
     """Returns a table of the tests by participant, and a folded supplementary table of the tests by trial."""
     by_trial = [row for row in rows if row.unit == TRIAL_UNIT]
     by_participant = [row for row in rows if row.unit != TRIAL_UNIT]
@@ -60,7 +60,7 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
         (
             row.quantity, f"{row.group_a} / {row.group_b}", row.unit,
             sample_size_text(row),
-            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            f"{short_number_text(row.median_a)} / {short_number_text(row.median_b)}",
             p_text(row.p), p_text(row.p_holm), *([corrected_p_text(row.p_primary)] if corrected else []),
             effect_size_text(row.effect, row.effect_low, row.effect_high),
             f"{row.test}, {row.note or row.method}", row.role, *([row.plan_status] if planned else []),

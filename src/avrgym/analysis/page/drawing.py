@@ -116,7 +116,9 @@ def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
 
-def finish_figure(simulated: bool, kind: str, caption: str, figure: Figure, note: str = "") -> ReportFigure:
+def make_report_figure(
+    simulated: bool, kind: str, caption: str, figure: Figure, note: str = ""
+) -> ReportFigure:
     """Returns the figure with its file name and caption.
 
     A figure of simulated participants is marked in the figure, in the file name and in the caption. ``note``: another

@@ -127,7 +127,7 @@ def table(
     return tag("div", whole, class_="scroll", tabindex=0, role="group", aria_label=caption)
 
 
-def short_number(value: float | None) -> str:
+def short_number_text(value: float | None) -> str:
     """Returns the number as text with three significant digits; a dash for ``None``."""
     return "–" if value is None else f"{value:z.3g}".replace("-", "−")
 

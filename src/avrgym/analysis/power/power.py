@@ -28,7 +28,7 @@ from avrgym.array_types import FloatArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.questionnaires.questionnaire import Questionnaire
 from avrgym.study.design.allocation import trial_orders
-from avrgym.study.design.counterbalancing import BlockOrder
+from avrgym.study.design.counterbalancing import TrialOrder
 from avrgym.study.design.design import Design
 from avrgym.system.jobs import report_progress, starmap
 
@@ -66,7 +66,7 @@ class PowerRow:
     corrected_power_high: float
 
 
-def default_participant_numbers(design: Design) -> tuple[int, ...]:
+def default_sample_sizes(design: Design) -> tuple[int, ...]:
     """Returns the default sample sizes: multiples of the number of trial orders, and the planned number."""
     orders = len(trial_orders(design))
     step = orders * -(-_LEAST_STEP // orders)
@@ -248,7 +248,7 @@ def required_participants(
 
 
 def model_p_value(
-    design: Design, answers: SimulatedAnswers, orders: Sequence[BlockOrder]
+    design: Design, answers: SimulatedAnswers, orders: Sequence[TrialOrder]
 ) -> tuple[str, float | None]:
     """Fit the model of the first item after trials, and test the last policy against the first policy.
 
@@ -266,7 +266,7 @@ def model_p_value(
 
 
 def ordered_trial_values(
-    design: Design, values: FloatArray, orders: Sequence[BlockOrder]
+    design: Design, values: FloatArray, orders: Sequence[TrialOrder]
 ) -> list[TrialValue]:
     """Returns a ``TrialValue`` for each trial, in the trial order of each participant.
 
@@ -279,7 +279,7 @@ def ordered_trial_values(
     ]
 
 
-def _course(design: Design, order: BlockOrder, who: str, own: FloatArray) -> Iterator[TrialValue]:
+def _course(design: Design, order: TrialOrder, who: str, own: FloatArray) -> Iterator[TrialValue]:
     blocks, places = max(len(design.tasks) - 1, 1), max(len(design.robot_policy_pairs) - 1, 1)
     for block, part in enumerate(order):
         before = design.practice_policy or None

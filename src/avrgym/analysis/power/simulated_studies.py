@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from avrgym.analysis.answers.trial_answers import AFTER_TRIAL, questionnaires_at_moment
 from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.questionnaires.questionnaire import Item
-from avrgym.study.design.allocation import least_filled_cell, trial_orders
-from avrgym.study.design.counterbalancing import BlockOrder
+from avrgym.study.design.allocation import least_used_order_index, trial_orders
+from avrgym.study.design.counterbalancing import TrialOrder
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 
@@ -101,7 +101,7 @@ class SimulatedStudies:
         rated = np.rint(self._middle + latent * (self._points - 1) / (REFERENCE_SCALE_POINTS - 1))
         return np.clip(rated, 1, self._points).astype(int)[stays]
 
-    def simulate_trial_orders(self, participants: int, number: int) -> list[BlockOrder]:
+    def simulate_trial_orders(self, participants: int, number: int) -> list[TrialOrder]:
         """Returns the order of trials of each participant who completes study ``number``."""
         stays, cells = self._session(participants, number)
         orders = trial_orders(self.design)
@@ -125,7 +125,7 @@ class SimulatedStudies:
         cells: list[int] = []
         while sum(stays) < participants:
             taken = [cell for cell, remains in zip(cells, stays, strict=True) if remains]
-            cells.append(least_filled_cell(range(len(self._places)), taken))
+            cells.append(least_used_order_index(range(len(self._places)), taken))
             stays.append(bool(rng.random() >= self._assumptions.dropout))
         return np.array(stays), np.array(cells)
 

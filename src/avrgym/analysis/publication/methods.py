@@ -232,7 +232,7 @@ def _plugins(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
 
 
 def _latency(analysis: StudyAnalysis) -> str:
-    flow = main_flow(analysis)
+    flow = flow_for_publication(analysis)
     total = total_latency(analysis.latency_summaries, simulated=flow.simulated) if flow else None
     if total is None:
         return f"Latency from pose to frame: {missing_text_placeholder('no recording contains it')}"
@@ -373,7 +373,7 @@ def _deviations(analysis: StudyAnalysis) -> list[str]:
     return found or ["None."]
 
 
-def main_flow(analysis: StudyAnalysis) -> ParticipantFlow | None:
+def flow_for_publication(analysis: StudyAnalysis) -> ParticipantFlow | None:
     """Returns the participant flow of people. In a study without people, returns the flow of simulated participants.
 
     Returns ``None`` without participants.

@@ -7,7 +7,7 @@ from statistics import fmean
 from avrgym.analysis.models.effects import POLICY_EFFECT
 from avrgym.analysis.models.section import effect_text
 from avrgym.analysis.page.comparisons import sample_size_text
-from avrgym.analysis.page.elements import effect_size_text, number_text, p_text, short_number
+from avrgym.analysis.page.elements import effect_size_text, number_text, p_text, short_number_text
 from avrgym.analysis.primary import (
     PRIMARY_CAPTION,
     PRIMARY_COLUMN_HEADINGS,
@@ -122,7 +122,7 @@ def _tests_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     rows = [
         (
             row.family, row.quantity, f"{row.group_a} / {row.group_b}", sample_size_text(row),
-            f"{short_number(row.median_a)} / {short_number(row.median_b)}",
+            f"{short_number_text(row.median_a)} / {short_number_text(row.median_b)}",
             effect_size_text(row.effect, row.effect_low, row.effect_high), p_text(row.p), p_text(row.p_holm),
             row.role,
         )

@@ -21,7 +21,7 @@ from avrgym.analysis.publication.codebook import analysis_codebook_rows, data_pa
 from avrgym.analysis.publication.methods import (
     SIMULATED_DATA_TEXT,
     MethodsSections,
-    main_flow,
+    flow_for_publication,
     methods_markdown,
     methods_sections,
 )
@@ -46,7 +46,7 @@ def write_publication_files(analysis: StudyAnalysis, folder: Path, tables: Path)
     """Write the publication files into the new ``folder``. Write ``datapackage.json`` into the folder ``tables``."""
     folder.mkdir()
     _write_codebook(analysis, folder, tables)
-    flow = main_flow(analysis)
+    flow = flow_for_publication(analysis)
     if flow is None:
         write_html_page(folder / PAGE_FILE, _title(analysis), [], [tag("p", NO_PARTICIPANTS_TEXT)])
         return

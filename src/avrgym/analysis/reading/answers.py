@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import fields
 
 from avrgym.analysis.reading.rows import AnswerRow, DataProblemRow, ScoreRow
-from avrgym.questionnaires.questionnaire import FURTHER_MOMENTS, SESSION_QUESTION_MOMENTS
+from avrgym.questionnaires.questionnaire import REPEATABLE_MOMENTS, SESSION_QUESTION_MOMENTS
 from avrgym.study.export.scores import scores_of
 from avrgym.study.export.trials import ExportedAnswer, ExportedAttempt, answers_of
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import PARTICIPATING_STATES
+from avrgym.study.storage.states import ALLOCATED_STATES
 from avrgym.study.storage.store import Store
 
 ANSWER_COLUMN_NAMES = {column.name for column in fields(AnswerRow)}
@@ -29,7 +29,7 @@ class ParticipantAnswers:
     ) -> None:
         self._store, self._participant, self._answered_items = store, participant, answered_items
         self._answers = answers_of(store, participant, attempts, answered_items)
-        takes_part = participant.state in PARTICIPATING_STATES
+        takes_part = participant.state in ALLOCATED_STATES
         self._compared = _compared(self._answers) if takes_part else set[int]()
         of_trials = {each.stored_answer.id for each in self._answers if _is_of_trial(each, counted_positions)}
         self._counted = of_trials | self._compared
@@ -53,7 +53,7 @@ class ParticipantAnswers:
 
     def problems(self) -> Iterator[DataProblemRow]:
         """Yields a problem for each moment (before or after sessions) with several answers to the same item."""
-        if self._participant.state not in PARTICIPATING_STATES:
+        if self._participant.state not in ALLOCATED_STATES:
             return
         for moment in SESSION_QUESTION_MOMENTS:
             given = [answer for answer in self._answers if answer.moment == moment]
@@ -84,7 +84,7 @@ def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     after breaks and of caregivers, all are analysed.
     """
     before, after = SESSION_QUESTION_MOMENTS
-    ids = {answer.stored_answer.id for answer in answers if answer.moment in FURTHER_MOMENTS}
+    ids = {answer.stored_answer.id for answer in answers if answer.moment in REPEATABLE_MOMENTS}
     for item in {answer.stored_answer.item for answer in answers}:
         own = {
             answer.stored_answer.id: answer.moment for answer in answers if answer.stored_answer.item == item

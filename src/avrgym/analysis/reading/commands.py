@@ -14,7 +14,7 @@ AGREEMENT_WINDOW_STEPS = 15
 """Number of control steps after a command over which the robot's reaction is measured."""
 MIN_DISTANCE_CHANGE_M = 0.01
 """Minimum change of the distance between tool and target. A smaller change is ignored."""
-NEAR_DISTANCE_M = 0.05
+NEAR_TARGET_DISTANCE_M = 0.05
 """Distance below which the tool is considered near the target: it cannot approach much further."""
 _AVERAGE = "no command was given"
 
@@ -99,7 +99,10 @@ def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
     nearest_m, last_m = min(record.tool_distance_m for record in after), after[-1].tool_distance_m
     match command.name:
         case "ready" | "again" | "closer":
-            return nearest_m < before.tool_distance_m - MIN_DISTANCE_CHANGE_M or nearest_m < NEAR_DISTANCE_M
+            return (
+                nearest_m < before.tool_distance_m - MIN_DISTANCE_CHANGE_M
+                or nearest_m < NEAR_TARGET_DISTANCE_M
+            )
         case "slower":
             return after[0].speed_factor < before.speed_factor or not command.had_effect
         case "faster":

@@ -33,7 +33,7 @@ from avrgym.recording.schema import Latency
 from avrgym.recording.streams import stream_quality
 from avrgym.safety.force_guard import INTERVENTION_EVENT
 from avrgym.study.checking.plugin_checks import RecordedPlugin, plugin_findings, recorded_plugins
-from avrgym.study.checking.tracking_loss import describe_excess_loss, tracking_loss_share
+from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss, tracking_loss_share
 from avrgym.study.export.trials import ExportedAttempt, all_attempts
 from avrgym.study.plan.exclusion_rules import violations
 from avrgym.study.plan.frozen_plan import read_frozen_plan
@@ -41,7 +41,7 @@ from avrgym.study.storage.attempts import CHECKSUM_MISMATCH_MESSAGE
 from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, Trial
 from avrgym.study.storage.sites import SITE_DIFFERENCE_EVENT
-from avrgym.study.storage.states import PARTICIPATING_STATES, StudyError
+from avrgym.study.storage.states import ALLOCATED_STATES, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import task_and_scene
 
@@ -199,7 +199,7 @@ def _refusal(changed: Sequence[ExportedAttempt]) -> str:
 
 def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAttempt]) -> TrialRow:
     task, robot = trial.task, trial.robot
-    takes_part = participant.state in PARTICIPATING_STATES
+    takes_part = participant.state in ALLOCATED_STATES
     return TrialRow(
         participant=participant.pseudonym,
         site=participant.site,
@@ -261,7 +261,7 @@ def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, 
         recorded_plugins(recording.configuration, row.participant, row.position, simulated=row.simulated)
     )
     row = replace(row, tracking_loss_share=tracking_loss_share(recording))
-    left_out = describe_excess_loss(recording, exported.store.design) if row.counted else None
+    left_out = describe_excess_tracking_loss(recording, exported.store.design) if row.counted else None
     if left_out is not None:
         tell(f"is left out: {left_out}", "the trial is not in the analysis")
         row = replace(row, counted=False, left_out=left_out)

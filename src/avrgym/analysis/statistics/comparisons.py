@@ -71,7 +71,7 @@ PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis",
 """Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
-TOO_FEW_PARTICIPANTS = f"fewer than {MIN_PARTICIPANTS} participants"
+TOO_FEW_PARTICIPANTS_TEXT = f"fewer than {MIN_PARTICIPANTS} participants"
 GroupValues = tuple[str, Sequence[float]]
 """A group: (name, values)."""
 
@@ -140,7 +140,7 @@ def _without_small_test(test: Comparison) -> Comparison:
     if test.participant_count >= MIN_PARTICIPANTS:
         return test
     result = test.result
-    note = TOO_FEW_PARTICIPANTS if result.p is not None else result.note
+    note = TOO_FEW_PARTICIPANTS_TEXT if result.p is not None else result.note
     described = StatisticalTestResult(
         result.test_name,
         result.sample_size,

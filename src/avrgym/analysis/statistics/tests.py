@@ -19,9 +19,9 @@ from avrgym.array_types import FloatArray, IntArray
 from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
-MAX_EXACT_SIGNED_RANK = 50
+MAX_EXACT_SIGNED_RANK_N = 50
 """Maximum number of differences for an exact signed-rank test. Floats represent counts up to 2**50 exactly."""
-MAX_EXACT_RANK_SUM = 8
+MAX_EXACT_RANK_SUM_N = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATION_COUNT = 9_999
 MANN_WHITNEY = "Mann-Whitney"
@@ -75,7 +75,7 @@ def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
     Null hypothesis: the differences are symmetric around zero.
 
     Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most
-    ``MAX_EXACT_SIGNED_RANK`` differences, p is exact: all combinations of signs are equally probable. For more
+    ``MAX_EXACT_SIGNED_RANK_N`` differences, p is exact: all combinations of signs are equally probable. For more
     differences, p is SciPy's normal approximation with tie correction and without continuity correction. The statistic
     is the smaller rank sum; the effect is (W₊ − W₋) / (W₊ + W₋).
     """
@@ -88,7 +88,7 @@ def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
         return StatisticalTestResult(test, 0, zeros, note=note)
     ranks = stats.rankdata(np.abs(used))
     positive, negative = float(ranks[used > 0].sum()), float(ranks[used < 0].sum())
-    if len(used) <= MAX_EXACT_SIGNED_RANK:
+    if len(used) <= MAX_EXACT_SIGNED_RANK_N:
         method, p = "exact", _exact_signed_rank(ranks, min(positive, negative))
     else:
         found: Any = stats.wilcoxon(used, method="asymptotic")
@@ -117,7 +117,7 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 def rank_sum_test(a: ArrayLike, b: ArrayLike) -> StatisticalTestResult:
     """Returns the Mann-Whitney U test (Ann. Math. Stat. 18, 1947): are the values of one sample larger?
 
-    p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM`` values: all divisions of the ranks into two
+    p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM_N`` values: all divisions of the ranks into two
     samples are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is
     SciPy's normal approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m)
     − 1 is positive if ``a`` is larger.
@@ -129,7 +129,7 @@ def rank_sum_test(a: ArrayLike, b: ArrayLike) -> StatisticalTestResult:
     pooled = np.concatenate([a, b])
     if np.ptp(pooled) == 0.0:
         return StatisticalTestResult(test, n, note="all values are equal")
-    exact, ties = min(len(a), len(b)) <= MAX_EXACT_RANK_SUM, len(np.unique(pooled)) < n
+    exact, ties = min(len(a), len(b)) <= MAX_EXACT_RANK_SUM_N, len(np.unique(pooled)) < n
     found = stats.mannwhitneyu(a, b, method="exact" if exact and not ties else "asymptotic")
     p = _exact_rank_sum(a, b) if exact and ties else float(found.pvalue)
     effect = 2.0 * float(found.statistic) / (len(a) * len(b)) - 1.0
@@ -283,7 +283,7 @@ def _design_effect(residuals: FloatArray, count: int, share: float) -> float:
     return max(between / (share * (1.0 - share) / count), MIN_DESIGN_EFFECT)
 
 
-EQUAL_TOLERANCE = 1e-12
+EQUAL_VALUES_TOLERANCE = 1e-12
 """Values are considered equal if their standard deviation is at most this share of their mean."""
 
 
@@ -293,7 +293,7 @@ def t_interval(mean: float, deviation: float, count: int) -> tuple[float | None,
     ``deviation``: standard deviation with ``count − 1`` degrees of freedom. With fewer than two values, or with equal
     values, both bounds are ``None``: the values contain no information about the error of the mean.
     """
-    if count < 2 or deviation <= EQUAL_TOLERANCE * abs(mean):
+    if count < 2 or deviation <= EQUAL_VALUES_TOLERANCE * abs(mean):
         return None, None
     half = float(stats.t.ppf(0.975, count - 1)) * deviation / count**0.5
     return mean - half, mean + half

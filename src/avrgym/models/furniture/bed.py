@@ -12,7 +12,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 from avrgym.geometry import transforms
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import add_finish
+from avrgym.models.furniture.finishes import add_furniture_material
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_visual, add_visual_mesh
 from avrgym.models.shapes import CrossSection, Mesh, loft, rounded_polyline, torus, tube
 
@@ -104,8 +104,8 @@ def _board(y: float, top: float) -> tuple[list[float], list[float]]:
 
 
 def _add_bedding(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
-    sheet = add_finish(spec, "sheet")
-    linen = add_finish(spec, "linen")
+    sheet = add_furniture_material(spec, "sheet")
+    linen = add_furniture_material(spec, "linen")
     add_visual_mesh(spec, body, "bed_mattress_skin", sheet, _cushion(*_LEGS_HALF), pos=_LEGS_CENTRE)
     middle = _on_backrest(back, 0.5 * BACKREST_LENGTH_M, -_BACK_HALF[2])
     add_visual_mesh(spec, body, "bed_backrest_skin", sheet, _cushion(*_BACK_HALF), pos=middle, quat=back[1])
@@ -130,8 +130,8 @@ def _pillow() -> Mesh:
 
 
 def _add_boards(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    plastic = add_finish(spec, "plastic")
-    wood = add_finish(spec, "wood")
+    plastic = add_furniture_material(spec, "plastic")
+    wood = add_furniture_material(spec, "wood")
     for name, y, top in (("footboard", _FOOT_Y, _FOOTBOARD_TOP), ("headboard", _HEAD_Y, _HEADBOARD_TOP)):
         pos, (half_x, half_y, half_z) = _board(y, top)
         panel = _panel(half_x, half_z, half_y)
@@ -146,8 +146,8 @@ def _panel(half_x: float, half_y: float, half_z: float) -> Mesh:
 
 
 def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> None:
-    paint = add_finish(spec, "bed_frame")
-    steel = add_finish(spec, "steel")
+    paint = add_furniture_material(spec, "bed_frame")
+    steel = add_furniture_material(spec, "steel")
     for sign in (-1.0, 1.0):
         pos = [sign * 0.425, _MIDDLE_Y, _DECK_Z - 0.005]
         add_visual(body, BOX, paint, pos=pos, size=[0.02, _HALF_LENGTH, 0.025])
@@ -163,7 +163,7 @@ def _add_bed_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, back: _Pose) -> No
 
 def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add one rail on each side, below the top of the mattress. A robot can reach over the rails."""
-    steel = add_finish(spec, "steel")
+    steel = add_furniture_material(spec, "steel")
     low, high, foot, head = 0.30, 0.50, -0.55, 0.30
     for side, sign in (("right", -1.0), ("left", 1.0)):
         x = sign * 0.456
@@ -175,9 +175,9 @@ def _add_side_rails(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
 
 
 def _add_undercarriage(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
-    paint = add_finish(spec, "bed_frame")
-    steel = add_finish(spec, "steel")
-    rubber = add_finish(spec, "rubber")
+    paint = add_furniture_material(spec, "bed_frame")
+    steel = add_furniture_material(spec, "steel")
+    rubber = add_furniture_material(spec, "rubber")
     low = 2.0 * _CASTER_RADIUS + 0.06 - rise_m
     for y in (-0.45, 0.45):
         column = [0.0, _MIDDLE_Y + y, low, 0.0, _MIDDLE_Y + y, _DECK_Z]
@@ -227,9 +227,9 @@ def add_nightstand(spec: mujoco.MjSpec, appearance: bool, *, mirrored: bool = Fa
 
 def _add_nightstand_skin(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add a cabinet on a plinth. Its three drawers open towards −y."""
-    plastic = add_finish(spec, "plastic")
-    wood = add_finish(spec, "wood")
-    steel = add_finish(spec, "steel")
+    plastic = add_furniture_material(spec, "plastic")
+    wood = add_furniture_material(spec, "wood")
+    steel = add_furniture_material(spec, "steel")
     half_x, half_y, half_z = _NIGHTSTAND_HALF
     add_visual(body, BOX, plastic, pos=[0, 0, -0.0125], size=[half_x, half_y, 0.0125])
     add_visual(

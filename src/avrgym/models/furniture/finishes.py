@@ -17,7 +17,7 @@ class Finish:
     metallic: float = 0.0
 
 
-FINISHES: Mapping[str, Finish] = {
+FURNITURE_MATERIALS: Mapping[str, Finish] = {
     "bed_frame": Finish((0.60, 0.63, 0.66), 0.4, metallic=0.3),
     "bracket": Finish((0.25, 0.26, 0.28), 0.4, metallic=0.5),
     "ceramic": Finish((0.93, 0.93, 0.90), 0.3),
@@ -33,7 +33,7 @@ FINISHES: Mapping[str, Finish] = {
 }
 
 
-def add_finish(spec: mujoco.MjSpec, name: str) -> str:
+def add_furniture_material(spec: mujoco.MjSpec, name: str) -> str:
     """Add the material of the finish ``name`` to a model, unless it exists. Returns the name."""
-    look = FINISHES[name]
+    look = FURNITURE_MATERIALS[name]
     return add_material(spec, name, look.rgb, metallic=look.metallic, roughness=look.roughness)

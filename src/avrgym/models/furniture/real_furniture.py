@@ -10,7 +10,7 @@ from avrgym.models.furniture.bed import MATTRESS_TOP_M
 from avrgym.models.furniture.wheelchair import SEAT_DEPTH_M, SEAT_HEIGHT_M
 from avrgym.models.human import RECLINED, SEATED, Posture
 
-HIPS_FROM_BACK_M = 0.13
+HIPS_TO_BACKREST_DISTANCE_M = 0.13
 """Distance of the centre of the hips from the backrest: about the radius of the hips."""
 FurniturePoint = Literal["front", "rear", "top"]
 """Points that measure a seat: its front edge, its rear edge at the backrest, and the top of the backrest. On a
@@ -56,7 +56,7 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def height_offset_m(self, posture: Posture) -> float:
         """Returns the height of the real seat or mattress above the virtual one, in metres."""
-        lower_m = (self.seat_depth_m - HIPS_FROM_BACK_M) * sin(radians(self.seat_tilt_deg))
+        lower_m = (self.seat_depth_m - HIPS_TO_BACKREST_DISTANCE_M) * sin(radians(self.seat_tilt_deg))
         real_m = self.seat_height_m - lower_m if posture.seated else self.mattress_height_m
         virtual_m = SEAT_HEIGHT_M if posture.seated else MATTRESS_TOP_M
         return real_m - virtual_m - posture.rise_m

@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import add_finish
+from avrgym.models.furniture.finishes import add_furniture_material
 from avrgym.models.geoms import BOX, CYLINDER, add_collision, add_visual, add_visual_mesh
 from avrgym.models.shapes import revolve
 
@@ -44,9 +44,9 @@ def _add_table_skin(
     half: np.ndarray,
     height_offset_m: float,
 ) -> None:
-    wood = add_finish(spec, "wood")
-    white = add_finish(spec, "ceramic")
-    food = add_finish(spec, "porridge")
+    wood = add_furniture_material(spec, "wood")
+    white = add_furniture_material(spec, "ceramic")
+    food = add_furniture_material(spec, "porridge")
     add_visual(table, BOX, wood, pos=[*centre, TABLE_HEIGHT_M - 0.015], size=[*half, 0.015])
     for corner in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         leg = centre + np.array(corner) * (half - 0.06)

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from avrgym.models import collision_bits
-from avrgym.models.furniture.finishes import add_finish
+from avrgym.models.furniture.finishes import add_furniture_material
 from avrgym.models.geoms import BOX, CAPSULE, CYLINDER, add_collision, add_visual, add_visual_mesh
 from avrgym.models.shapes import rounded_polyline, torus, tube
 
@@ -72,8 +72,8 @@ def _add_wheelchair_collision(body: mujoco.MjsBody, armrests: Collection[str], r
 
 
 def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
-    fabric = add_finish(spec, "fabric")
-    rubber = add_finish(spec, "rubber")
+    fabric = add_furniture_material(spec, "fabric")
+    rubber = add_furniture_material(spec, "rubber")
     seat_y, seat_z = 0.5 * (_BACK_Y + _FRONT_Y), SEAT_HEIGHT_M - 0.035 + rise_m
     add_visual(body, BOX, fabric, pos=[0, seat_y, seat_z], size=[_HALF_SEAT, 0.205, 0.030])
     add_visual(body, BOX, fabric, pos=[0, _BACK_Y + 0.012, 0.70 + rise_m], size=[0.215, 0.012, 0.185])
@@ -84,8 +84,8 @@ def _add_upholstery(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) ->
 
 
 def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None:
-    paint = add_finish(spec, "frame")
-    steel = add_finish(spec, "steel")
+    paint = add_furniture_material(spec, "frame")
+    steel = add_furniture_material(spec, "steel")
     for side, sign in _SIGNS.items():
         x = sign * _FRAME_X
         bars = {
@@ -110,8 +110,8 @@ def _add_frame(spec: mujoco.MjSpec, body: mujoco.MjsBody, rise_m: float) -> None
 
 
 def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str, rise_m: float) -> None:
-    rubber = add_finish(spec, "rubber")
-    paint = add_finish(spec, "frame")
+    rubber = add_furniture_material(spec, "rubber")
+    paint = add_furniture_material(spec, "frame")
     x = _SIGNS[side] * ARMREST_X_M
     low, high = 0.44 + rise_m, 0.73 + rise_m
     bar = [[x, 0.11, low], [x, 0.11, high], [x, -0.17, high], [x, -0.17, low]]
@@ -122,8 +122,8 @@ def _add_armrest(spec: mujoco.MjSpec, body: mujoco.MjsBody, side: str, rise_m: f
 
 
 def _add_wheels(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
-    rubber = add_finish(spec, "rubber")
-    steel = add_finish(spec, "steel")
+    rubber = add_furniture_material(spec, "rubber")
+    steel = add_furniture_material(spec, "steel")
     for side, sign in _SIGNS.items():
         hub = [sign * _WHEEL_X, _AXLE_Y, _WHEEL_RADIUS]
         tyre = torus(_WHEEL_RADIUS - 0.014, 0.014)
@@ -171,7 +171,7 @@ def add_bracket(
     )
     if not appearance:
         return
-    paint = add_finish(spec, "bracket")
+    paint = add_furniture_material(spec, "bracket")
     add_visual(body, CYLINDER, paint, fromto=[x, y, z - 0.02, x, y, z], size=[0.055, 0, 0])
     arm = [[x, y, z - 0.015], [x - 0.03 * outwards, y, z - 0.02], [outwards * _FRAME_X, y, z - 0.02]]
     add_visual_mesh(spec, body, "bracket", paint, tube(np.array(arm), 0.016))

@@ -99,7 +99,7 @@ WOMAN = Proportions(
 PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
-def proportions_of(is_woman: BoolArray, like: Any = 0.0) -> Proportions:
+def unscaled_proportions(is_woman: BoolArray, like: Any = 0.0) -> Proportions:
     """Returns the unscaled measures of N people, (N,) each. ``like`` is an array of the same library and device."""
     where = namespace(is_woman).where
     measures: dict[str, Any] = {

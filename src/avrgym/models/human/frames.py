@@ -10,7 +10,7 @@ from avrgym.array_types import BoolArray, FloatArray
 from avrgym.geometry import transforms
 from avrgym.geometry.arrays import constant_like, namespace, namespace_and_floats
 from avrgym.models.body_names import Sex, Side
-from avrgym.models.human.anthropometry import Proportions, proportions_of, scale_girths
+from avrgym.models.human.anthropometry import Proportions, scale_girths, unscaled_proportions
 from avrgym.models.human.joints import JOINTS, X_AXIS, Y_AXIS, Z_AXIS, seated_joint_angles
 from avrgym.models.human.person import People, Person
 
@@ -150,7 +150,7 @@ def body_layout(
     Lengths of upper arms and forearms are also proportional to ``arm_scale`` (N,). ``stature_and_bmi`` are stature and
     body mass index (N,). They determine radii and mass; see ``anthropometry.scale_girths``.
     """
-    reference = proportions_of(is_woman, torso_height_m)
+    reference = unscaled_proportions(is_woman, torso_height_m)
     scale = torso_height_m / reference.torso_height
     p = reference if stature_and_bmi is None else scale_girths(reference, is_woman, *stature_and_bmi)
     chest_depth_change_m = (p.chest_radius - reference.chest_radius) * namespace(scale).ones_like(scale)

@@ -14,7 +14,7 @@ from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.commands.preferences import SPEED_FACTOR_STEP, ConditionRules, TrialRules, apply_preferences
 from avrgym.commands.vocabulary import CommandName
 from avrgym.people.zoo.partners import STYLE_LEVELS, PartnerSet, parameters_of, style_values
-from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING, COMMANDING_STYLE
+from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING_STYLE, COMMANDING_STYLE_NAME
 
 PARTNER_RULES: TrialRules = apply_preferences(
     ConditionRules(policy="", commands=("ready", "wait", "slower", "faster", "stop"), sources=("key",)), None
@@ -57,8 +57,8 @@ def _partners_of(zoo: str) -> CommandingPartners:
     return CommandingPartners(parameters_of(values), ((0, len(values)),), commands)
 
 
-COMMANDING_SETS: Mapping[str, CommandingPartners] = {
-    f"{zoo}/{COMMANDING}": _partners_of(zoo) for zoo in STYLE_LEVELS
+COMMANDING_PARTNER_SETS: Mapping[str, CommandingPartners] = {
+    f"{zoo}/{COMMANDING_STYLE_NAME}": _partners_of(zoo) for zoo in STYLE_LEVELS
 }
 
 

@@ -227,7 +227,7 @@ def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
 
 
 ZOO_PARTNER_SETS: Mapping[str, PartnerSet] = {zoo: _zoo_set(zoo, STYLES) for zoo in STYLE_LEVELS}
-SINGLE_STYLE_SETS: Mapping[str, PartnerSet] = {
+SINGLE_STYLE_PARTNER_SETS: Mapping[str, PartnerSet] = {
     f"{zoo}/{style}": _zoo_set(zoo, [style]) for zoo in STYLE_LEVELS for style in STYLES
 }
 

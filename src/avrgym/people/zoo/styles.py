@@ -149,27 +149,27 @@ STYLES: Mapping[str, BehaviourStyle] = {
 }
 """Behaviour styles by name. "Assistive Gym" is Erickson et al., ICRA 2020."""
 
-ASSUMPTION = "assumption"
+ASSUMED_SOURCE = "assumption"
 PARAMETER_SOURCES: Mapping[str, str] = {
     "reaction_s": "Woods et al. 2015; hesitant, talking, distracted and weak people: assumption",
-    "facing_share": ASSUMPTION,
-    "approach_share": ASSUMPTION,
+    "facing_share": ASSUMED_SOURCE,
+    "approach_share": ASSUMED_SOURCE,
     "pause_s": "assumption; that people pause: Moon et al. 2011",
-    "withdrawal_deg": ASSUMPTION,
+    "withdrawal_deg": ASSUMED_SOURCE,
     "startle_deg": "assumption; that it habituates: Brown et al. 1991",
-    "startle_distance_m": ASSUMPTION,
-    "startle_duration_s": ASSUMPTION,
-    "glance_deg": ASSUMPTION,
-    "random_glance_deg": ASSUMPTION,
+    "startle_distance_m": ASSUMED_SOURCE,
+    "startle_duration_s": ASSUMED_SOURCE,
+    "glance_deg": ASSUMED_SOURCE,
+    "random_glance_deg": ASSUMED_SOURCE,
     "glance_period_s": "talking people: Rogers et al. 2018; distracted people: assumption",
     "glance_share": "talking people: Rogers et al. 2018; distracted people: assumption",
     "chew_deg": "assumption; that the head moves: Häggman-Henrikson and Eriksson 2004",
     "chew_hz": "Po et al. 2011",
     "shift_deg": "Chen et al. 2021",
-    "shift_period_s": ASSUMPTION,
-    "sway_deg": ASSUMPTION,
-    "sway_hz": ASSUMPTION,
-    "speed_share": ASSUMPTION,
+    "shift_period_s": ASSUMED_SOURCE,
+    "sway_deg": ASSUMED_SOURCE,
+    "sway_hz": ASSUMED_SOURCE,
+    "speed_share": ASSUMED_SOURCE,
     "tremor_deg": "Erickson et al. 2020",
     "tremor_hz": "Erickson et al. 2020; fitted people: 4 to 12 Hz, Bhatia et al. 2018",
     "strength_share": "Erickson et al. 2020",
@@ -177,7 +177,7 @@ PARAMETER_SOURCES: Mapping[str, str] = {
 }
 """Source of each behaviour parameter's range. ``BehaviourStyle.source`` contains the references."""
 
-COMMANDING = "commanding"
+COMMANDING_STYLE_NAME = "commanding"
 COMMANDING_STYLE = BehaviourStyle(
     "cooperate, and command the robot: ready when it waits, slower or faster to a comfortable speed, sometimes wait",
     "motion as cooperating; the commands are our assumption",
@@ -187,8 +187,8 @@ COMMANDING_STYLE = BehaviourStyle(
 )
 """The style of partners that give commands, see ``people.zoo.commanding``. Only its own populations contain it."""
 COMMAND_SOURCES: Mapping[str, str] = {
-    "ready_delay_s": ASSUMPTION,
-    "comfortable_speed": ASSUMPTION,
-    "wait_per_min": ASSUMPTION,
+    "ready_delay_s": ASSUMED_SOURCE,
+    "comfortable_speed": ASSUMED_SOURCE,
+    "wait_per_min": ASSUMED_SOURCE,
 }
 """Source of the range of each parameter of ``CommandParameters``."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from avrgym.models.robot import Robot, tuned_arm
 from avrgym.robots.mounts import mounts_on_furniture
-from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
+from avrgym.robots.parallel_gripper import SPOON_ROTATION, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
 
 ROBOT_ARM_JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
@@ -54,7 +54,7 @@ GEN3 = Robot(
     grips=parallel_grips(
         GRIP_POINT_M,
         FINGERTIP_LENGTH_M,
-        SPOON_ALONG_HAND_Z,
+        SPOON_ROTATION,
         spoon=_fingers(0.095),
         cup=_fingers(0.823),
         scratcher=_fingers(0.118),

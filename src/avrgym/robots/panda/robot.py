@@ -9,7 +9,7 @@ import numpy as np
 from avrgym.models.body_names import Side
 from avrgym.models.robot import SIDES, Arm, Robot, tuned_arm
 from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
-from avrgym.robots.parallel_gripper import SPOON_ALONG_HAND_Z, parallel_grips
+from avrgym.robots.parallel_gripper import SPOON_ROTATION, parallel_grips
 from avrgym.robots.rtb_data import add_meshes
 
 MESH_FOLDER = "franka_description/meshes/visual"
@@ -65,7 +65,7 @@ PANDA = Robot(
     grips=parallel_grips(
         GRIP_POINT_M,
         FINGERTIP_LENGTH_M,
-        SPOON_ALONG_HAND_Z,
+        SPOON_ROTATION,
         spoon=_fingers(0.0045),
         cup=_fingers(0.040),
         scratcher=_fingers(0.0056),

@@ -10,7 +10,7 @@ import numpy as np
 from avrgym.models.drive import DifferentialDrive
 from avrgym.models.robot import Arm, BaseRange, CameraMount, Grip, Mount, Robot
 from avrgym.robots.parallel_gripper import TOOL_ROTATIONS
-from avrgym.system.optional_robots import MESH_PACKAGES
+from avrgym.system.optional_robots import MESH_PACKAGE_BY_ROBOT
 
 ROBOT_MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION_COEFFICIENT = 24.8, 9.81, 0.6
 
@@ -18,7 +18,7 @@ ROBOT_MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION_COEFFICIENT = 24.8, 9.81, 0.6
 def build(appearance: bool) -> mujoco.MjSpec:
     """Returns the model of the robot. Its arm extends to its right."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.stretch").joinpath("stretch.xml").read_text())
-    spec.meshdir = str(Path(str(files(MESH_PACKAGES["Stretch"]))) / "SE3" / "meshes")
+    spec.meshdir = str(Path(str(files(MESH_PACKAGE_BY_ROBOT["Stretch"]))) / "SE3" / "meshes")
     return spec
 
 

@@ -20,7 +20,7 @@ from avrgym.study.checking.plugin_checks import check_plugins
 from avrgym.study.checking.policy_files import check_used_policies
 from avrgym.study.checking.preflight import check_initial_states, policy_errors
 from avrgym.study.checking.repeat_checks import check_repeats
-from avrgym.study.checking.tracking_loss import describe_excess_loss
+from avrgym.study.checking.tracking_loss import describe_excess_tracking_loss
 from avrgym.study.design.design import Design
 from avrgym.study.people.retention import describe_due_deletions, recording_deletion_times, today_utc
 from avrgym.study.storage.answers import (
@@ -42,7 +42,7 @@ from avrgym.study.storage.rows import (
 )
 from avrgym.study.storage.session_designs import session_designs
 from avrgym.study.storage.sites import OMITTED_RECORDING_EVENT
-from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION, StudyError
+from avrgym.study.storage.states import ALLOCATED_STATES, UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store, find_rows
 
 _MAX_LISTED = 3
@@ -75,7 +75,7 @@ def check_participants(store: Store) -> Iterator[Finding]:
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
 
-def check_stray_files(store: Store) -> Iterator[Finding]:
+def check_orphaned_files(store: Store) -> Iterator[Finding]:
     """Yields findings about files in the recordings folder that belong to no attempt."""
     people = [participant.pseudonym for participant in store.participants()]
     recordings = [attempt.recording for person in people for attempt in store.attempts(person)]
@@ -246,8 +246,8 @@ def _check_recording(
         attempt.metrics
     ):
         yield Finding(attempt.recording, "contains metrics that differ from the database")
-    if attempt.state == "completed" and not trial.practice and participant.state in PARTICIPATING_STATES:
-        held = describe_excess_loss(recording, store.design)
+    if attempt.state == "completed" and not trial.practice and participant.state in ALLOCATED_STATES:
+        held = describe_excess_tracking_loss(recording, store.design)
         if held is not None:
             yield excluded_trial_finding(participant.pseudonym, trial.position, held)
     for name, times in _clocks(recording):
@@ -337,6 +337,6 @@ STUDY_CHECKS: tuple[Callable[[Store], Iterable[Finding]], ...] = (
     check_plugins,
     check_interim_looks,
     check_repeats,
-    check_stray_files,
+    check_orphaned_files,
     check_retention_periods,
 )

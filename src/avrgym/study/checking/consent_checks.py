@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from avrgym.study.checking.finding import Finding
 from avrgym.study.design.design import FILE
 from avrgym.study.people.consents import (
-    consenting_participants,
+    consenting_pseudonyms_text,
     consents_to_other_texts,
     current_consent_text,
 )
@@ -35,7 +35,7 @@ def check_consents(store: Store) -> Iterator[Finding]:
     if without:
         yield Finding(
             "consent",
-            f"the archive lacks the consent text of {consenting_participants(without)}",
+            f"the archive lacks the consent text of {consenting_pseudonyms_text(without)}",
             is_error=False,
         )
 
@@ -51,7 +51,7 @@ def _check_present_texts(
         if others:
             yield Finding(
                 FILE,
-                f"[consent] in {language} differs from the text that {consenting_participants(others)} read as version "
+                f"[consent] in {language} differs from the text that {consenting_pseudonyms_text(others)} read as version "
                 f"{store.design.consent.version}; increase the version, or restore the earlier text",
             )
 
@@ -66,5 +66,5 @@ def _check_sites(consents: list[ConsentRecord], archive: list[ConsentText]) -> I
             read[use][words[each.sha256]].append(each)
     for (_, version, _), texts in read.items():
         if len(texts) > 1:
-            who = " and ".join(consenting_participants(each) for each in texts.values())
+            who = " and ".join(consenting_pseudonyms_text(each) for each in texts.values())
             yield Finding("consent", f"{who} read different texts with the same version {version}")

@@ -10,7 +10,7 @@ from avrgym.study.storage.analysis_files import leftover_analysis_folders
 from avrgym.study.storage.database import BACKUP_FOLDER
 from avrgym.study.storage.database import FILE as DATABASE
 from avrgym.study.storage.identity_keys import KeyUnavailableError
-from avrgym.study.storage.integrity_files import CHECKSUM_FILE, HEAD_FILE
+from avrgym.study.storage.integrity_files import CHAIN_HEAD_FILE, CHECKSUM_FILE
 from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.rows import RECORDINGS
@@ -21,7 +21,7 @@ from avrgym.system.files import exposed_paths, leftover_temporary_files, restric
 
 _GONE = ("excluded", "withdrawn", UNKNOWN_PARTICIPATION)
 """States of participants that no analysis includes."""
-_PRIVATE = (DATABASE, HEAD_FILE, CHECKSUM_FILE, PARTICIPATION, RECORDINGS, BACKUP_FOLDER, ANALYSIS)
+_PRIVATE = (DATABASE, CHAIN_HEAD_FILE, CHECKSUM_FILE, PARTICIPATION, RECORDINGS, BACKUP_FOLDER, ANALYSIS)
 
 
 def check_database(store: Store) -> Iterator[Finding]:

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 
-from avrgym.policies.registry import used_controller
+from avrgym.policies.registry import used_controller_plugin
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.reader import RecordingError, read_header
 from avrgym.study.checking.finding import Finding
@@ -88,7 +88,7 @@ def _present(configuration: TrialConfiguration) -> dict[str, UsedPlugin]:
     """Returns the installed plug-ins for the trial's environment and policy, by label."""
     environment = configuration.environment
     found = list(plugins_of(environment)) if environment in ENVIRONMENTS else []
-    controller = used_controller(configuration.policy)
+    controller = used_controller_plugin(configuration.policy)
     return {each.label: each for each in [*found, *([controller] if controller else [])]}
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from avrgym.policies import controllers
-from avrgym.policies.lerobot import is_lerobot, weights_file
+from avrgym.policies.lerobot import is_lerobot_policy, lerobot_weights_file
 from avrgym.policies.trained import PolicyError, packaged_policies
 from avrgym.study.checking.finding import Finding
 from avrgym.study.checking.preflight import environment_policy_pairs
@@ -74,8 +74,8 @@ def _source(store: Store, environment: str, policy: str) -> tuple[str, Path | No
         return plugins.describe_entry_point(plugin), controllers.python_controller_file(plugin.value)
     if Path(source).is_file():
         return Path(source).relative_to(store.folder).as_posix(), Path(source)
-    if is_lerobot(source):
-        return source, weights_file(source)
+    if is_lerobot_policy(source):
+        return source, lerobot_weights_file(source)
     return source, controllers.python_controller_file(source) if ":" in source else None
 
 

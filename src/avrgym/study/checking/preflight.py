@@ -10,7 +10,7 @@ from avrgym.study.checking.finding import Finding
 from avrgym.study.storage.store import Store
 from avrgym.system.used_plugins import UsedPlugin
 from avrgym.tasks.constants import environment_id
-from avrgym.tasks.placement_check import draws_by_body
+from avrgym.tasks.placement_check import start_draws_by_body
 from avrgym.tasks.registry import ENVIRONMENTS, plugins_of
 from avrgym.tasks.settings import Settings
 
@@ -75,7 +75,7 @@ def check_initial_states(store: Store) -> Iterator[Finding]:
 
 def _check_environment(environment: str, settings: Settings) -> Iterator[Finding]:
     try:
-        drawn_starts = draws_by_body(environment, settings)
+        drawn_starts = start_draws_by_body(environment, settings)
     except Exception as error:  # plug-ins may raise any exception
         yield Finding(environment, f"no initial state can be sampled: {type(error).__name__}: {error}")
         return

@@ -30,18 +30,18 @@ from avrgym.study.storage.reconciliation import participant_row_values
 from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.rows import RECORDINGS, pseudonym_of
 from avrgym.study.storage.schema import utc_timestamp
-from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION, StudyError
+from avrgym.study.storage.states import ALLOCATED_STATES, UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store, record_event
 from avrgym.study.storage.study_folder import used_participant_numbers
 
 PlannedTrials = tuple[PlannedTrial, ...]
-LOST_DATA = (
+ALWAYS_LOST_DATA = (
     "the answers to inclusion questions, about functioning and to questions about a session, events, adverse events, "
     "notes, refusals to re-consent, consent texts of earlier versions, the designs of sessions, the log of "
     "actions, tokens of experimenters and links of participants"
 )
 """Data that are always lost: neither recordings nor the participation list contain them."""
-LOST_WITH_INVALID_LIST = (
+DATA_LOST_WITHOUT_LIST = (
     "ages, languages, consents that are in no recording, withdrawals, deletions, and participants without "
     "name and recording"
 )
@@ -52,12 +52,12 @@ LOST_WITH_INVALID_LIST = (
 class RebuildSummary:
     """Numbers of rows in the rebuilt database, and descriptions of lost data.
 
-    ``unknown_state_count``: number of participants with unknown consent or withdrawal. ``lost_data``: data that were
-    not rebuilt, as text. ``omission_messages``: messages about omitted participants and recordings.
+    ``unknown_participation_count``: number of participants with unknown consent or withdrawal. ``lost_data``: data that
+    were not rebuilt, as text. ``omission_messages``: messages about omitted participants and recordings.
     """
 
     participant_count: int
-    unknown_state_count: int
+    unknown_participation_count: int
     attempt_count: int
     answer_count: int
     lost_data: str
@@ -141,7 +141,7 @@ class _Rebuilding:
 
     def rebuild(self, connection: sa.Connection) -> None:
         """Insert all participants, an event for this rebuild, and an event for each earlier rebuild."""
-        for each in self._listed.rebuild_contents() if self._listed else ():
+        for each in self._listed.database_rebuild_contents() if self._listed else ():
             hash_chain.insert(
                 connection,
                 schema.EVENT_TABLE,
@@ -158,8 +158,10 @@ class _Rebuilding:
     @property
     def _lost(self) -> str:
         if self._fault:
-            return f"{LOST_DATA}; {LOST_WITH_INVALID_LIST}, because the participation list {self._fault}"
-        return LOST_DATA
+            return (
+                f"{ALWAYS_LOST_DATA}; {DATA_LOST_WITHOUT_LIST}, because the participation list {self._fault}"
+            )
+        return ALWAYS_LOST_DATA
 
     def _beginnings(self) -> dict[int, datetime]:
         """Returns the start time of each participant's first recording, by participant number."""
@@ -260,7 +262,7 @@ class _Rebuilding:
         for trial in completed:
             hash_chain.update(connection, schema.TRIAL_TABLE, trial, state="completed")
         all_answered = bool(trials) and completed == set(trials.values()) and not self._opened
-        if self._known_state(content) in PARTICIPATING_STATES:
+        if self._known_state(content) in ALLOCATED_STATES:
             state = "completed" if all_answered else "allocated"
             hash_chain.update(connection, schema.PARTICIPANT_TABLE, number, state=state)
 
@@ -291,7 +293,7 @@ class _Rebuilding:
         elif content and not values:
             values = {name: content[name] for name in ("simulated", "sex", "enrolled_at")}
         state = self._known_state(content)
-        if state in PARTICIPATING_STATES and not plan:
+        if state in ALLOCATED_STATES and not plan:
             state = UNKNOWN_PARTICIPATION
         row = values | {"number": number, "state": state, "cell": cell}
         if recorded_attempts and recorded_attempts[-1].configuration.respondent != PARTICIPANT:

@@ -53,7 +53,7 @@ def check_repeats(store: Store, limit: int | None = None) -> Iterator[Finding]:
     ``limit`` replaces the design's ``max_repeats``.
     """
     limit = store.design.max_repeats if limit is None else limit
-    yield from repeat_findings(tested_trials(store), store.design, limit)
+    yield from repeat_findings(trials_in_repeat_tests(store), store.design, limit)
 
 
 def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int | None) -> Iterator[Finding]:
@@ -64,7 +64,7 @@ def repeat_findings(trials: Sequence[AttemptedTrial], design: Design, limit: int
     yield from _by_outcome(trials, design.trial_steps)
 
 
-def tested_trials(store: Store) -> list[AttemptedTrial]:
+def trials_in_repeat_tests(store: Store) -> list[AttemptedTrial]:
     """Returns the trials of people. In a study without people, returns the trials of simulated participants."""
     simulated = is_simulated_study(store)
     return [each for each in attempted_trials(store) if each.participant.simulated is simulated]

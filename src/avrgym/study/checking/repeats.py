@@ -12,12 +12,12 @@ from avrgym.study.storage.store import Store
 TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN = "technical", "participant", "experimenter", "unknown"
 REPEAT_REASONS = (TECHNICAL, PARTICIPANT, EXPERIMENTER, UNKNOWN)
 """Reasons of repeats: technical fault, participant, experimenter, or unknown."""
-NOT_LOGGED = "not in the log"
+UNKNOWN_EXPERIMENTER = "not in the log"
 """Used instead of the experimenter's name if no log entry matches."""
 RepeatCause = tuple[str, str]
 """A reason of a repeat (one of ``REPEAT_REASONS``), and the cause as text."""
 
-CAUSE_BY_STATE: Mapping[str, RepeatCause] = {
+CAUSE_BY_ATTEMPT_STATE: Mapping[str, RepeatCause] = {
     "repeated": (EXPERIMENTER, "repeated"),
     "skipped": (EXPERIMENTER, "skipped"),
     "paused": (EXPERIMENTER, "paused"),
@@ -48,7 +48,7 @@ class ReplacedAttempt:
     """An attempt that a later attempt replaced.
 
     ``reason``: one of ``REPEAT_REASONS``. ``cause``: the cause as text. ``requested_by``: name of the experimenter that
-    requested the repeat (``NOT_LOGGED`` if unknown); empty for other reasons.
+    requested the repeat (``UNKNOWN_EXPERIMENTER`` if unknown); empty for other reasons.
     """
 
     participant: Participant
@@ -128,7 +128,7 @@ class _Causes:
     def repeat(self, person: Participant, trial: Trial, attempt: TrialAttempt) -> ReplacedAttempt:
         entry = self._command(person, attempt)
         reason, cause = self._cause(attempt, entry)
-        by = describe_log_person(entry, self._sites) if entry is not None else NOT_LOGGED
+        by = describe_log_person(entry, self._sites) if entry is not None else UNKNOWN_EXPERIMENTER
         return ReplacedAttempt(person, trial, attempt, reason, cause, by if reason == EXPERIMENTER else "")
 
     def _command(self, person: Participant, attempt: TrialAttempt) -> AuditLogEntry | None:
@@ -143,8 +143,8 @@ class _Causes:
         return max(fitting, key=lambda entry: entry.recorded_at, default=None)
 
     def _cause(self, attempt: TrialAttempt, entry: AuditLogEntry | None) -> RepeatCause:
-        if attempt.state in CAUSE_BY_STATE:
-            return CAUSE_BY_STATE[attempt.state]
+        if attempt.state in CAUSE_BY_ATTEMPT_STATE:
+            return CAUSE_BY_ATTEMPT_STATE[attempt.state]
         before, after = self._next_to_end(attempt)
         if attempt.state == "stopped":
             stop = next((event for event in after if event.name == "stopped"), None)

@@ -18,7 +18,7 @@ from avrgym.study.storage.rows import (
     Trial,
     TrialAttempt,
 )
-from avrgym.study.storage.states import PARTICIPATING_STATES, UNKNOWN_PARTICIPATION
+from avrgym.study.storage.states import ALLOCATED_STATES, UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store, find_rows
 
 
@@ -83,10 +83,10 @@ def summarise_study(store: Store) -> StudySummary:
         excluded=states["excluded"],
         unknown=states[UNKNOWN_PARTICIPATION],
         deleted=deleted,
-        filled=_per_cell(store, participants, PARTICIPATING_STATES),
+        filled=_per_cell(store, participants, ALLOCATED_STATES),
         completed_cells=_per_cell(store, participants, ("completed",)),
         filled_by_site={
-            site: _per_cell(store, [each for each in participants if each.site == site], PARTICIPATING_STATES)
+            site: _per_cell(store, [each for each in participants if each.site == site], ALLOCATED_STATES)
             for site in sorted({each.site for each in participants if each.site})
         },
         participants=tuple(_summarise(participant, counts) for participant in participants),
@@ -182,7 +182,7 @@ def _completed_attempts(store: Store, connection: sa.Connection) -> dict[Conditi
     for attempt in find_rows(connection, TrialAttempt, state="completed"):
         trial = trials[attempt.trial]
         participant = participants[trial.participant]
-        if not trial.practice and participant.state in PARTICIPATING_STATES:
+        if not trial.practice and participant.state in ALLOCATED_STATES:
             found[_condition(store, trial, participant)].append(attempt)
     return found
 

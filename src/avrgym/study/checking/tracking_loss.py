@@ -26,7 +26,7 @@ def tracking_loss_share(recording: Recording, part: TrackedBodyPart | None = Non
     return min(max(1.0 - tracked_s / (span[1] - span[0]), 0.0), 1.0)
 
 
-def describe_excess_loss(recording: Recording, design: Design) -> str | None:
+def describe_excess_tracking_loss(recording: Recording, design: Design) -> str | None:
     """Returns the reason why tracking loss excludes a trial, with the share of each body part.
 
     Returns ``None`` if the trial is not excluded.

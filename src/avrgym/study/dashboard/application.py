@@ -19,8 +19,8 @@ from avrgym.models.human import Sex
 from avrgym.policies.trained import PolicyError
 from avrgym.recording.input_profile import InputProfile
 from avrgym.study.dashboard.caregiver import caregiver_app
-from avrgym.study.dashboard.request_log import VIEW_RESULTS, DashboardLog
-from avrgym.study.dashboard.views import link_view, participant_view, results_view, study_overview
+from avrgym.study.dashboard.request_log import VIEW_RESULTS_ACTION, DashboardLog
+from avrgym.study.dashboard.views import participant_view, results_view, session_access, study_overview
 from avrgym.study.people.adverse_events import AdverseEventDetails, record_adverse_event
 from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.people.identities import PossibleDuplicateError
@@ -384,7 +384,7 @@ def dashboard_app(
     @app.get("/overview")
     def read_overview(request: Request) -> Response:
         log.log_view(_caller(request), "view dashboard")
-        link = link_view(dashboard.live_sessions.links, addresses) if dashboard.live_sessions else None
+        link = session_access(dashboard.live_sessions.links, addresses) if dashboard.live_sessions else None
         own = dashboard.live_sessions.caregiver_links.link if dashboard.live_sessions else None
         caregiver = tuple(caregiver_addresses(own)) if own else ()
         furniture, name = dashboard.furniture, _caller(request).experimenter_name
@@ -394,7 +394,7 @@ def dashboard_app(
 
     @app.get("/results")
     def read_results(request: Request) -> Response:
-        log.log_view(_caller(request), VIEW_RESULTS)
+        log.log_view(_caller(request), VIEW_RESULTS_ACTION)
         return json_response(results_view(store))
 
     @app.get("/participants/{pseudonym}")

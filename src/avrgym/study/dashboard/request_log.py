@@ -9,7 +9,7 @@ from typing import Any
 
 from avrgym.study.storage.audit_log import (
     PERSONAL_TOKEN,
-    REJECTED_COMMAND,
+    REJECTED_COMMAND_DETAIL,
     SHARED_TOKEN,
     SPECTATOR_TOKEN,
     UNNAMED_PERSON,
@@ -24,10 +24,10 @@ from avrgym.vr.server.authentication import AuthenticatedClient
 
 VIEW_TIMEOUT_S = 600.0
 """A view of a page ends after this time (in seconds) without a request. Pages send requests repeatedly."""
-VIEW_RESULTS = "view results"
+VIEW_RESULTS_ACTION = "view results"
 
 
-def actor_of(caller: AuthenticatedClient) -> AuditActor:
+def audit_actor_of(caller: AuthenticatedClient) -> AuditActor:
     """Returns the person with a token, in the format of the audit log."""
     if caller.experimenter_name:
         return AuditActor(caller.experimenter_name, PERSONAL_TOKEN)
@@ -35,7 +35,7 @@ def actor_of(caller: AuthenticatedClient) -> AuditActor:
 
 
 @dataclass
-class CommandEntry:
+class CommandLogEntry:
     """Log entry of a command on the dashboard.
 
     ``participant``: pseudonym of the participant. An enrolment sets the pseudonym after it is created.
@@ -59,8 +59,8 @@ class DashboardLog:
         if self._store.database.read_only or not self._begins(caller, name, pseudonym):
             return
         try:
-            shows = name == VIEW_RESULTS
-            add_log_entry(self._store, actor_of(caller), name, pseudonym, shows_results=shows)
+            shows = name == VIEW_RESULTS_ACTION
+            add_log_entry(self._store, audit_actor_of(caller), name, pseudonym, shows_results=shows)
         except StudyError:
             del self._seen_s[caller, name, pseudonym]
             raise
@@ -68,16 +68,18 @@ class DashboardLog:
     @contextmanager
     def log_command(
         self, caller: AuthenticatedClient, name: str, pseudonym: str | None
-    ) -> Generator["CommandEntry"]:
+    ) -> Generator["CommandLogEntry"]:
         """Context manager: add a log entry for a command, even if the command is rejected. Yields the entry."""
-        at, entry = utc_timestamp(), CommandEntry(pseudonym)
+        at, entry = utc_timestamp(), CommandLogEntry(pseudonym)
         try:
             yield entry
         except Exception:
             with suppress(StudyError):  # the first error is raised
-                add_log_entry(self._store, actor_of(caller), name, pseudonym, REJECTED_COMMAND, at=at)
+                add_log_entry(
+                    self._store, audit_actor_of(caller), name, pseudonym, REJECTED_COMMAND_DETAIL, at=at
+                )
             raise
-        add_log_entry(self._store, actor_of(caller), name, entry.participant, at=at)
+        add_log_entry(self._store, audit_actor_of(caller), name, entry.participant, at=at)
 
     def _begins(self, caller: AuthenticatedClient, name: str, pseudonym: str | None) -> bool:
         key, seen_s = (caller, name, pseudonym), time.monotonic()
@@ -85,7 +87,7 @@ class DashboardLog:
         return before_s is None or seen_s - before_s > VIEW_TIMEOUT_S
 
 
-class LiveLog(DashboardLog):
+class LivePageLog(DashboardLog):
     """Add commands of the live page to the audit log, in the session's storage thread.
 
     The entry of a command is therefore stored before the effects of the command.
@@ -120,7 +122,7 @@ class LiveLog(DashboardLog):
         at = utc_timestamp()
         with suppress(RuntimeError):  # the server ends
             self._storing.submit(
-                add_log_entry, self._store, actor_of(caller), name, pseudonym, detail, at=at
+                add_log_entry, self._store, audit_actor_of(caller), name, pseudonym, detail, at=at
             ).add_done_callback(self._tell)
 
     def _tell(self, stored: Future[None]) -> None:

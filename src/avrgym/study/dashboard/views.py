@@ -18,8 +18,8 @@ from avrgym.study.design.design import Design
 from avrgym.study.export.scores import scores_of, uses_instruments
 from avrgym.study.export.trials import answers_of, attempts_of
 from avrgym.study.people.adverse_events import (
+    RATING_SCALE_SOURCES,
     RATING_SCALES,
-    SCALE_SOURCES,
     AdverseEventDetails,
     SafetyEvent,
     group_reports_by_event,
@@ -40,25 +40,25 @@ from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.session_links import SessionLinks
 
-MIN_FREE_BYTES = 2_000_000_000
+MIN_FREE_DISK_BYTES = 2_000_000_000
 """Free disk space (bytes) below which the dashboard shows a warning. A recorded trial of 20 s has a few MB."""
 
 
 @dataclass(frozen=True)
-class SessionLink:
+class SessionAccess:
     """Access to the running session: addresses with the session link, and the code for the headset."""
 
     addresses: tuple[str, ...]
     code: str
 
 
-def link_view(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionLink | None:
+def session_access(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionAccess | None:
     """Returns the access to the running session; ``None`` without a session.
 
     ``addresses``: function that returns the addresses with a link.
     """
     link, code = links.link, links.current_code()
-    return None if link is None or code is None else SessionLink(tuple(addresses(link)), code)
+    return None if link is None or code is None else SessionAccess(tuple(addresses(link)), code)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Overview:
     scales: Mapping[str, tuple[str, ...]]
     scales_words: str
     input_stops: Mapping[InputMethod, tuple[StopInput, ...]]
-    link: SessionLink | None
+    link: SessionAccess | None
     caregiver_addresses: tuple[str, ...] = ()
 
 
@@ -183,7 +183,7 @@ def study_overview(
     live: str | None,
     furniture: RealFurniture,
     experimenter: str = "",
-    link: SessionLink | None = None,
+    link: SessionAccess | None = None,
     caregiver_addresses: tuple[str, ...] = (),
 ) -> Overview:
     """Returns the overview of a study; ``live``: pseudonym of the running session's participant."""
@@ -197,7 +197,7 @@ def study_overview(
         furniture=furniture,
         experimenter=experimenter,
         scales=RATING_SCALES,
-        scales_words=SCALE_SOURCES,
+        scales_words=RATING_SCALE_SOURCES,
         input_stops=ALLOWED_STOP_INPUTS,
         link=link,
         caregiver_addresses=caregiver_addresses,
@@ -261,7 +261,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 def _short(store: Store) -> Iterator[str]:
     """Yields a warning if disk space is low."""
     free = shutil.disk_usage(store.folder).free
-    if free < MIN_FREE_BYTES:
+    if free < MIN_FREE_DISK_BYTES:
         yield (
             f"The disk of {store.folder} has {free / 1e9:.1f} GB left; recordings stop when it is full. "
             "Free disk space before the next session."

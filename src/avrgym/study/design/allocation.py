@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from avrgym.study.design.counterbalancing import BlockOrder, TaskBlock, balanced_orders
+from avrgym.study.design.counterbalancing import TaskBlock, TrialOrder, balanced_orders
 from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 from avrgym.tasks.constants import environment_id
@@ -24,17 +24,17 @@ class PlannedTrial:
     practice: bool
 
 
-def trial_orders(design: Design) -> tuple[BlockOrder, ...]:
+def trial_orders(design: Design) -> tuple[TrialOrder, ...]:
     """Returns all balanced trial orders of the design. A cell is the index of an order in this tuple."""
     return _cell_orders(len(design.tasks), len(design.robot_policy_pairs), design.seed)
 
 
 @cache
-def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[BlockOrder, ...]:
+def _cell_orders(tasks: int, conditions: int, seed: int) -> tuple[TrialOrder, ...]:
     return balanced_orders(tasks, conditions, random_streams.condition_order_generator(seed))
 
 
-def least_filled_cell(
+def least_used_order_index(
     order: Sequence[int], cells_at_site: Iterable[int], cells_elsewhere: Iterable[int] = ()
 ) -> int:
     """Returns the cell (index of a trial order) for the next participant: the least used cell at their site.
@@ -48,7 +48,7 @@ def least_filled_cell(
     return min(order, key=lambda cell: (here[cell], others[cell]))
 
 
-def cell_fill_order(design: Design, site: str | None) -> list[int]:
+def order_indices_for_site(design: Design, site: str | None) -> list[int]:
     """Returns all cells (indices of trial orders) of the design, in the order in which a site uses them.
 
     The order differs between sites: small sites then fill different cells.

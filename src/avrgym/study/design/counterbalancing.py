@@ -23,10 +23,10 @@ class TaskBlock:
     condition_indices: tuple[int, ...]
 
 
-CANDIDATE_COUNT = 200
+RANDOM_ARRANGEMENT_COUNT = 200
 """Number of compared random arrangements. The arrangement with the most different rows within cells is used."""
 
-BlockOrder = tuple[TaskBlock, ...]
+TrialOrder = tuple[TaskBlock, ...]
 """The trial order of a participant: the task blocks in order."""
 
 
@@ -39,7 +39,7 @@ def williams_square(size: int) -> IntArray:
     return np.concatenate([rows, rows[:, ::-1]]) if size % 2 and size > 1 else rows
 
 
-def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[BlockOrder, ...]:
+def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[TrialOrder, ...]:
     """Returns the balanced orders of blocks. A cell of the design is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
@@ -49,7 +49,9 @@ def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tu
     condition_rows = _shuffled_square(conditions, rng)
     cells = lcm(len(task_rows), len(condition_rows))
     task_of = np.tile(task_rows, (cells // len(task_rows), 1))
-    spreads = [_spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(CANDIDATE_COUNT)]
+    spreads = [
+        _spread(rng.permutation(tasks)[task_of], len(condition_rows)) for _ in range(RANDOM_ARRANGEMENT_COUNT)
+    ]
     row_of = max(spreads, key=_variety)
     return tuple(
         tuple(

@@ -41,7 +41,7 @@ class Retention(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return date.fromisoformat(self.ended_on) if self.ended_on else None
 
     @property
-    def due_dates(self) -> Mapping[str, date]:
+    def deletion_dates(self) -> Mapping[str, date]:
         """The first day after the retention period, by kind of data; empty if the end of the study is unknown."""
         end = self.last_day
         return (

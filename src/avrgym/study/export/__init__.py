@@ -21,14 +21,14 @@ EXPORT_FORMATS: Mapping[str, str] = {
     "minari": "minari",
 }
 """The module that writes each format, by format name."""
-FORMATS_WITH_RECORDS = ("csv", "bids")
+FORMATS_WITH_EVENTS = ("csv", "bids")
 """Formats that contain events and experimenters' texts. Other formats contain only trials."""
 FORMATS_WITH_IMAGES = ("hdf5", "lerobot")
 """Formats that can contain camera images."""
 OMITTED_RECORDINGS_FILE = "left_out.csv"
 """File name of the table of omitted recordings."""
 FormatWriter = Callable[..., None]
-"""Function that writes attempts into a folder. Functions of ``FORMATS_WITH_RECORDS`` also accept ``extras``."""
+"""Function that writes attempts into a folder. Functions of ``FORMATS_WITH_EVENTS`` also accept ``extras``."""
 
 PRIVACY_NOTICE = (
     "This export of an AVR Gym study is pseudonymised, not anonymous: movements of head and hands may identify a "
@@ -68,9 +68,9 @@ def export_study(
     """
     if data_format not in EXPORT_FORMATS:
         raise StudyError(f"unknown format {data_format!r}; allowed: {', '.join(EXPORT_FORMATS)}")
-    if extras != DEFAULT_EXPORT_OPTIONS and data_format not in FORMATS_WITH_RECORDS:
+    if extras != DEFAULT_EXPORT_OPTIONS and data_format not in FORMATS_WITH_EVENTS:
         raise StudyError(
-            f"{data_format} cannot contain free text and health data; allowed: {', '.join(FORMATS_WITH_RECORDS)}"
+            f"{data_format} cannot contain free text and health data; allowed: {', '.join(FORMATS_WITH_EVENTS)}"
         )
     if cameras and data_format not in FORMATS_WITH_IMAGES:
         raise StudyError(f"{data_format} cannot contain images; allowed: {', '.join(FORMATS_WITH_IMAGES)}")
@@ -78,7 +78,7 @@ def export_study(
         raise StudyError(f"{out} is not empty; choose another folder")
     fetch_recordings(store)
     write = _writer(data_format)
-    if data_format in FORMATS_WITH_RECORDS:
+    if data_format in FORMATS_WITH_EVENTS:
         write = partial(write, extras=extras)
     if cameras:
         write = partial(write, cameras=cameras)

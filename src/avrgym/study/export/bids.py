@@ -17,7 +17,12 @@ from avrgym.recording.schema import Event, Pose, TrackingFrame
 from avrgym.study.export import OMITTED_RECORDINGS_FILE, PRIVACY_NOTICE
 from avrgym.study.export.codebook import COLUMNS_BY_TABLE
 from avrgym.study.export.physio import StreamSeries, recorded_series, text_events, text_stream_corrections
-from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, record_tables, write_table
+from avrgym.study.export.records import (
+    DEFAULT_EXPORT_OPTIONS,
+    ExportOptions,
+    event_and_note_tables,
+    write_table,
+)
 from avrgym.study.export.table_files import tsv_cell, write_json, write_tsv
 from avrgym.study.export.trials import ExportedAttempt
 from avrgym.study.storage.answers import answer_moments
@@ -27,7 +32,7 @@ from avrgym.study.storage.store import Store
 BIDS_VERSION = "1.11.1"
 TRACKED_POINTS = {"head": "head", "left": "left_hand", "right": "right_hand"}
 """BIDS names of the tracked points, by field of ``TrackingFrame``."""
-RECORDS_FOLDER = "sourcedata"
+SOURCE_DATA_FOLDER = "sourcedata"
 """Folder for events, adverse events and notes. BIDS does not define its contents."""
 POSITION_AXES = ("x", "y", "z")
 QUATERNION_COMPONENTS = ("quat_x", "quat_y", "quat_z", "quat_w")
@@ -56,9 +61,9 @@ def write(
     for _, session in groupby(completed, key=lambda exported: exported.session.id):
         _write_session(list(session), folder)
     _write_answers(store, completed, folder / "phenotype")
-    (folder / RECORDS_FOLDER).mkdir()
-    for name, rows in record_tables(store, extras).items():
-        write_table(folder / RECORDS_FOLDER, name, rows)
+    (folder / SOURCE_DATA_FOLDER).mkdir()
+    for name, rows in event_and_note_tables(store, extras).items():
+        write_table(folder / SOURCE_DATA_FOLDER, name, rows)
 
 
 def _description(store: Store) -> dict[str, Any]:

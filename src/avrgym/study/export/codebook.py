@@ -35,7 +35,7 @@ COLUMNS_BY_TABLE: Mapping[str, Mapping[str, Column]] = {
 """The columns of each table, by table and column name, without columns that depend on the design."""
 INSTRUMENT_TABLES = ("scores", "scales")
 """Tables that exist only if the study uses validated questionnaires."""
-RECORD_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
+EVENT_AND_NOTE_TABLES = ("events", "adverse_events", "functioning", "functioning_by_person", "notes")
 """Tables of events and of experimenters' texts."""
 
 

@@ -11,14 +11,14 @@ from avrgym.study.design.functioning import (
 from avrgym.study.export.rows import FunctioningCountRow, FunctioningRow
 from avrgym.study.people.functioning import FunctioningAnswers
 from avrgym.study.storage.rows import Participant
-from avrgym.study.storage.states import PARTICIPATING_STATES
+from avrgym.study.storage.states import ALLOCATED_STATES
 from avrgym.study.storage.store import Store
 
 MIN_GROUP_SIZE = 5
 """Smallest exported count above 0. Counts that would reveal a smaller count are suppressed too."""
-SUPPRESSED = "suppressed"
+SUPPRESSED_COUNT = "suppressed"
 """Exported text instead of a suppressed count."""
-NOT_ASKED = "not asked"
+NOT_ASKED_ANSWER = "not asked"
 """Answer in the counts for a participant without answers about functioning."""
 
 
@@ -26,8 +26,8 @@ def functioning_counts(store: Store) -> Iterator[FunctioningCountRow]:
     """Yields the number of analysed participants for each question about functioning and each answer."""
     given = [_answers(person) for person in store.participants() if _is_analysed(store, person)]
     for question in FUNCTIONING_QUESTIONS:
-        levels = [answers.levels[question] if answers else NOT_ASKED for answers in given]
-        kinds = [*DIFFICULTY_LEVELS, NOT_ASKED]
+        levels = [answers.levels[question] if answers else NOT_ASKED_ANSWER for answers in given]
+        kinds = [*DIFFICULTY_LEVELS, NOT_ASKED_ANSWER]
         for level, number in zip(
             kinds, suppress_small_counts([levels.count(each) for each in kinds]), strict=True
         ):
@@ -76,10 +76,10 @@ def _is_analysed(store: Store, person: Participant) -> bool:
     """Returns whether a real participant takes part and has a completed trial that is not a practice trial."""
     return (
         not person.simulated
-        and person.state in PARTICIPATING_STATES
+        and person.state in ALLOCATED_STATES
         and any(each.state == "completed" and not each.practice for each in store.trials(person.pseudonym))
     )
 
 
 def _shown(number: int | None) -> str:
-    return SUPPRESSED if number is None else str(number)
+    return SUPPRESSED_COUNT if number is None else str(number)

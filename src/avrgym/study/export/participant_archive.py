@@ -34,7 +34,7 @@ from avrgym.system.files import private_opener
 
 INDEX_FILE = "README.md"
 """File that lists the contents of the archive."""
-EVENTS_ABOUT_OTHERS = ("participant enrolled", "identity corrected")
+EVENTS_WITH_OTHER_PSEUDONYMS = ("participant enrolled", "identity corrected")
 """Names of events whose detail can contain pseudonyms of other participants."""
 FILE_DESCRIPTIONS: Mapping[str, str] = {
     "identity.json": "Name and contact, from the identity file.",
@@ -131,7 +131,7 @@ def _own(rows: Iterable[Any], person: Participant) -> Iterator[Any]:
 
 
 def _without_others(row: EventRow) -> EventRow:
-    return replace(row, detail=None) if row.name in EVENTS_ABOUT_OTHERS else row
+    return replace(row, detail=None) if row.name in EVENTS_WITH_OTHER_PSEUDONYMS else row
 
 
 def _pack(store: Store, person: Participant, folder: Path, archive: Path) -> list[str]:

@@ -35,7 +35,7 @@ TIMESTAMP_FIELDS = {
     "Description": "Time of the sample, from the first tracking frame on; clocks are synchronised.",
     "Units": "s",
 }
-CORRECTION_NOTE = (
+TIME_CORRECTION_NOTE = (
     "If the device's clock jumped, times are corrected by the arrival of samples. They never decrease."
 )
 """Description of time corrections in the sidecar."""
@@ -124,14 +124,14 @@ def _text_chunks(topics: MessagesByTopic) -> Iterator[tuple[str, SampleChunks]]:
 
 def time_corrections(times: SampleTimes, start_s: float) -> dict[str, Any]:
     """Returns the description of a stream's time corrections for the sidecar; empty without corrections."""
-    if not times.resets and not times.num_raised:
+    if not times.resets and not times.num_corrected_samples:
         return {}
     return {
-        "Correction": CORRECTION_NOTE,
+        "Correction": TIME_CORRECTION_NOTE,
         "ClockResets": [
             {"Onset": reset.time_s - start_s, "JumpInSeconds": reset.jump_s} for reset in times.resets
         ],
-        "SamplesRaised": times.num_raised,
+        "SamplesRaised": times.num_corrected_samples,
     }
 
 

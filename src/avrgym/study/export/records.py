@@ -42,7 +42,7 @@ DEFAULT_EXPORT_OPTIONS = ExportOptions()
 """Export neither free text nor health data."""
 
 
-def record_tables(store: Store, extras: ExportOptions) -> dict[str, TableRows]:
+def event_and_note_tables(store: Store, extras: ExportOptions) -> dict[str, TableRows]:
     """Returns the rows of events, adverse events, functioning and notes, by table name. ``extras``: export options."""
     people = store.participants()
     tables: dict[str, TableRows] = {

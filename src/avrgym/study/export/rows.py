@@ -10,7 +10,12 @@ from avrgym.questionnaires.questionnaire import ITEM_ORDERS, QUESTION_MOMENTS
 from avrgym.questionnaires.registry import INSTRUMENTS
 from avrgym.robots.registry import ROBOTS
 from avrgym.study.design.functioning import DIFFICULTY_LEVELS
-from avrgym.study.people.adverse_events import OUTCOMES, RELATEDNESS, SERIOUSNESS, SEVERITIES
+from avrgym.study.people.adverse_events import (
+    ADVERSE_EVENT_OUTCOMES,
+    RELATEDNESS_GRADES,
+    SERIOUSNESS_CRITERIA,
+    SEVERITIES,
+)
 from avrgym.study.storage.audit_log import IDENTIFICATION_METHODS
 from avrgym.study.storage.states import ATTEMPT_TRANSITIONS, PARTICIPANT_TRANSITIONS, TRIAL_TRANSITIONS
 from avrgym.system.columns import TIME, Column
@@ -452,12 +457,15 @@ class AdverseEventRow:
     severity: Annotated[
         str, Column("Grade of CTCAE 5.0, from 1 to 5 in words.", allowed=_one_of(*SEVERITIES))
     ]
-    seriousness: Annotated[str, Column("Criterion of ICH E2A, or none.", allowed=_one_of(*SERIOUSNESS))]
+    seriousness: Annotated[
+        str, Column("Criterion of ICH E2A, or none.", allowed=_one_of(*SERIOUSNESS_CRITERIA))
+    ]
     relatedness: Annotated[
-        str, Column("Attribution to the study, as NCI's CTEP grades it.", allowed=_one_of(*RELATEDNESS))
+        str,
+        Column("Attribution to the study, as NCI's CTEP grades it.", allowed=_one_of(*RELATEDNESS_GRADES)),
     ]
     action: Annotated[str | None, Column("Action taken.", empty="no action, or without --free-text")]
-    outcome: Annotated[str, Column("Outcome of ICH E2B(R3).", allowed=_one_of(*OUTCOMES))]
+    outcome: Annotated[str, Column("Outcome of ICH E2B(R3).", allowed=_one_of(*ADVERSE_EVENT_OUTCOMES))]
 
 
 @dataclass(frozen=True)

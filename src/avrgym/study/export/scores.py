@@ -16,7 +16,7 @@ from avrgym.study.storage.item_versions import AnsweredItems
 from avrgym.study.storage.rows import Participant, StudySession
 from avrgym.study.storage.store import Store
 
-AnswerTime = tuple[int, int, str]
+AnswerTimeKey = tuple[int, int, str]
 """Time of answers: attempt id (0 without an attempt), session id, and moment (one of ``QUESTION_MOMENTS``)."""
 
 
@@ -65,7 +65,7 @@ def scores_of(
     questionnaire at the same time, or the latest ones.
     """
     sessions = store.sessions(participant.pseudonym)
-    answers_by_questionnaire: dict[tuple[str, AnswerTime], list[ExportedAnswer]] = {}
+    answers_by_questionnaire: dict[tuple[str, AnswerTimeKey], list[ExportedAnswer]] = {}
     for answer in answers:
         if _is_of_instrument(answer):
             key = answer.questionnaire.name, _moment(answer, sessions)
@@ -122,7 +122,7 @@ def _is_of_instrument(answer: ExportedAnswer) -> bool:
     return instrument is not None and any(item.id == answer.stored_answer.item for item in instrument.items)
 
 
-def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> AnswerTime:
+def _moment(answer: ExportedAnswer, sessions: Sequence[StudySession]) -> AnswerTimeKey:
     if answer.stored_answer.attempt is not None:
         return answer.stored_answer.attempt, answer.stored_answer.session, answer.moment
     return 0, session_ids_of_visit(sessions, answer.stored_answer.session)[0], answer.moment
@@ -142,8 +142,8 @@ def _scores(
 def _weights(
     design: Design,
     questionnaire: Questionnaire,
-    when: AnswerTime,
-    given: Mapping[tuple[str, AnswerTime], Mapping[str, int]],
+    when: AnswerTimeKey,
+    given: Mapping[tuple[str, AnswerTimeKey], Mapping[str, int]],
 ) -> Mapping[str, int] | None:
     """Returns the weights for a questionnaire's weighted score at one time; ``None`` if there are none."""
     if questionnaire.weights is not msgspec.UNSET:

@@ -12,13 +12,13 @@ from avrgym.study.design.design import Design
 from avrgym.study.export import PRIVACY_NOTICE
 from avrgym.study.export.codebook import (
     COLUMNS_BY_TABLE,
+    EVENT_AND_NOTE_TABLES,
     INSTRUMENT_TABLES,
-    RECORD_TABLES,
     codebook_rows,
     max_action_size,
     reward_terms,
 )
-from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, log_rows, record_tables
+from avrgym.study.export.records import DEFAULT_EXPORT_OPTIONS, ExportOptions, event_and_note_tables, log_rows
 from avrgym.study.export.rows import AttemptRow, ConsentRow, ControlStepRow, ItemRow, ParticipantRow, TrialRow
 from avrgym.study.export.scores import scale_rows, scores_of, uses_instruments
 from avrgym.study.export.table_files import write_csv
@@ -51,10 +51,10 @@ def write(
         write_csv(folder / f"{name}.csv", rows)
     write_consent_texts(store, folder)
     write_csv(folder / "items.csv", item_rows(answered_items.design))
-    records = record_tables(store, extras)
+    records = event_and_note_tables(store, extras)
     for name, rows in records.items():
         write_csv(folder / f"{name}.csv", rows, COLUMNS_BY_TABLE[name])
-    absent = {"left_out", *RECORD_TABLES} - set(records)
+    absent = {"left_out", *EVENT_AND_NOTE_TABLES} - set(records)
     if uses_instruments(answered_items.design):
         write_csv(folder / "scales.csv", scale_rows(answered_items.design))
     else:

@@ -18,7 +18,7 @@ from avrgym.study.storage.store import Store
 from avrgym.system.toml_lines import ValuePath, line_number
 from avrgym.texts.interface_texts import read_texts
 
-EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
+REQUIRED_EQUAL_FIELDS = ("tasks", "robots", "policies", "practice_policy")
 """Design fields that must be equal at all sites. Differences in these fields are never accepted."""
 NamedStudy = tuple[str, Store]
 """Name and study of a site."""
@@ -30,10 +30,10 @@ def find_study_differences(a: NamedStudy, b: NamedStudy, *, accepted: bool) -> l
     ``accepted``: the user accepts differences.
 
     Raises:
-        StudyError: for a difference in ``EQUAL_FIELDS``. Also for any difference if ``accepted`` is false.
+        StudyError: for a difference in ``REQUIRED_EQUAL_FIELDS``. Also for any difference if ``accepted`` is false.
     """
     designs = list(differences(_design(a[1]), _design(b[1])))
-    never = [each for each in designs if each[0][0] in EQUAL_FIELDS]
+    never = [each for each in designs if each[0][0] in REQUIRED_EQUAL_FIELDS]
     if never:
         words = "; ".join(_of_designs(a, b, *each) for each in never)
         raise StudyError(

@@ -136,7 +136,7 @@ def check_site_continuation(source: SiteStudy, known: Sequence[Site], people: Se
 
 def _check_not_set_back(source: SiteStudy, before: Site) -> None:
     with source.store.database.read_transaction() as connection:
-        if hash_chain.missing_heads(
+        if hash_chain.missing_chain_heads(
             connection, [hash_chain.ChainHead(before.num_entries, before.last_digest)]
         ):
             raise StudyError(

@@ -19,7 +19,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store, find_participant, find_row, record_event
 
 SEVERITIES = ("mild", "moderate", "severe", "life-threatening", "fatal")
-SERIOUSNESS = (
+SERIOUSNESS_CRITERIA = (
     "not serious",
     "other medically important",
     "congenital anomaly",
@@ -28,16 +28,23 @@ SERIOUSNESS = (
     "life-threatening",
     "death",
 )
-RELATEDNESS = ("unrelated", "unlikely", "possible", "probable", "definite")
-OUTCOMES = ("recovered", "recovering", "not recovered", "recovered with sequelae", "fatal", "unknown")
+RELATEDNESS_GRADES = ("unrelated", "unlikely", "possible", "probable", "definite")
+ADVERSE_EVENT_OUTCOMES = (
+    "recovered",
+    "recovering",
+    "not recovered",
+    "recovered with sequelae",
+    "fatal",
+    "unknown",
+)
 RATING_SCALES = {
     "severity": SEVERITIES,
-    "seriousness": SERIOUSNESS,
-    "relatedness": RELATEDNESS,
-    "outcome": OUTCOMES,
+    "seriousness": SERIOUSNESS_CRITERIA,
+    "relatedness": RELATEDNESS_GRADES,
+    "outcome": ADVERSE_EVENT_OUTCOMES,
 }
 """Allowed values of each rating scale."""
-SCALE_SOURCES = (
+RATING_SCALE_SOURCES = (
     "Severity: grades 1 to 5 of CTCAE 5.0 (NCI, 2017). Seriousness: criteria of ICH E2A (1994). Relatedness: "
     "attribution of NCI's CTEP. Outcome: ICH E2B(R3). Severity is the intensity of an event; seriousness depends on "
     "its consequences."

@@ -72,7 +72,7 @@ def store_consent(
     others = consents_to_other_texts(shown, find_rows(connection, ConsentRecord), archive, first_language)
     if others:
         raise StudyError(
-            f"{consenting_participants(others)} read another consent text with version {shown.version} "
+            f"{consenting_pseudonyms_text(others)} read another consent text with version {shown.version} "
             f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = utc_timestamp(), _archived(connection, shown, archive)
@@ -165,7 +165,7 @@ def current_consent_text(store: Store, language: str) -> DisplayedConsentText | 
     return DisplayedConsentText(consent.version, language, text)
 
 
-def consenting_participants(consents: Iterable[ConsentRecord]) -> str:
+def consenting_pseudonyms_text(consents: Iterable[ConsentRecord]) -> str:
     """Returns the pseudonyms of the participants with these consents, as text without duplicates."""
     return ", ".join(pseudonym_of(number) for number in sorted({each.participant for each in consents}))
 

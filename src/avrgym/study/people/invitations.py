@@ -25,8 +25,8 @@ from avrgym.study.storage.store import Store, find_row, find_rows
 from avrgym.vr.server.session_links import token_sha256
 
 TOKEN_BYTES = 16
-MAX_PLACES = 1_000_000
-MAX_DAYS = 3650
+MAX_PLACES_PER_INVITATION = 1_000_000
+MAX_VALIDITY_DAYS = 3650
 _enrolling = threading.Lock()
 
 
@@ -62,7 +62,7 @@ class InvitationSummary:
 
 
 @dataclass(frozen=True)
-class ServiceIds:
+class RecruitmentServiceIds:
     """Ids of a recruitment service: participant, study and session. Empty without a service."""
 
     participant: str = ""
@@ -84,10 +84,12 @@ def create_invitations(
     Raises:
         StudyError: for an invalid or repeated label, or for an invalid number. No invitation is created then.
     """
-    if not 0.0 < days <= MAX_DAYS:
-        raise StudyError(f"invitations are valid for {days:g} days; allowed: more than 0, at most {MAX_DAYS}")
-    if not 1 <= places <= MAX_PLACES:
-        raise StudyError(f"an invitation has {places} places; allowed: 1 to {MAX_PLACES}")
+    if not 0.0 < days <= MAX_VALIDITY_DAYS:
+        raise StudyError(
+            f"invitations are valid for {days:g} days; allowed: more than 0, at most {MAX_VALIDITY_DAYS}"
+        )
+    if not 1 <= places <= MAX_PLACES_PER_INVITATION:
+        raise StudyError(f"an invitation has {places} places; allowed: 1 to {MAX_PLACES_PER_INVITATION}")
     named = [label for label in labels if label]
     for label in named:
         if not NAME_PATTERN.fullmatch(label):
@@ -141,7 +143,7 @@ def close_invitation(store: Store, invitation: int) -> None:
         hash_chain.update(connection, schema.INVITATION_TABLE, invitation, closed_at=utc_timestamp())
 
 
-def check_invitation(store: Store, token: str) -> Invitation:
+def find_valid_invitation(store: Store, token: str) -> Invitation:
     """Returns the invitation with this token.
 
     Raises:
@@ -151,14 +153,14 @@ def check_invitation(store: Store, token: str) -> Invitation:
         return _usable(connection, token)
 
 
-def enrol_invited(
+def enrol_with_invitation(
     store: Store,
     token: str,
     sex: Sex,
     *,
     age_years: int | None = None,
     language: str = "",
-    service: ServiceIds = ServiceIds(),
+    service: RecruitmentServiceIds = RecruitmentServiceIds(),
     simulated: bool = False,
 ) -> tuple[str, str]:
     """Enrol a participant with an invitation. Returns the pseudonym and the participant's personal token.
@@ -172,7 +174,7 @@ def enrol_invited(
     for what, value in (("study id", service.study), ("session id", service.session)):
         check_single_line(f"the {what}", value)
     with _enrolling:
-        check_invitation(store, token)
+        find_valid_invitation(store, token)
         try:
             pseudonym = enrol_participant(
                 store,
@@ -206,7 +208,7 @@ def personal_tokens(store: Store) -> dict[str, str]:
     return {each.sha256: pseudonym_of(each.participant) for each in uses if each.participant is not None}
 
 
-def replace_token(store: Store, pseudonym: str) -> str:
+def replace_participant_token(store: Store, pseudonym: str) -> str:
     """Create a new personal token for a participant. Returns the token. The earlier token becomes invalid.
 
     Raises ``StudyError`` for a participant without an invitation.

@@ -10,7 +10,7 @@ from avrgym.commands.respondents import CONSENT_ROLES, PARTICIPANT
 from avrgym.models.human import SEXES, Sex
 from avrgym.recording.configuration import RecordedConsent
 from avrgym.recording.input_profile import InputProfile
-from avrgym.study.design.allocation import cell_fill_order, least_filled_cell, plan_trials
+from avrgym.study.design.allocation import least_used_order_index, order_indices_for_site, plan_trials
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import NAME_PATTERN
 from avrgym.study.people.consents import (
@@ -28,7 +28,7 @@ from avrgym.study.storage.rows import ConsentRecord, ExperimenterNote, Participa
 from avrgym.study.storage.schema import utc_timestamp
 from avrgym.study.storage.sessions import check_consent_version, end_open_sessions, has_completed_study
 from avrgym.study.storage.states import (
-    PARTICIPATING_STATES,
+    ALLOCATED_STATES,
     UNKNOWN_PARTICIPATION,
     StudyError,
     check_transition,
@@ -347,9 +347,9 @@ def _free_cell(connection: sa.Connection, design: Design, participant: Participa
     """
     taken: dict[bool, list[int]] = {True: [], False: []}
     for other in find_rows(connection, Participant, simulated=participant.simulated):
-        if other.state in PARTICIPATING_STATES and other.cell is not None:
+        if other.state in ALLOCATED_STATES and other.cell is not None:
             taken[other.site == participant.site].append(other.cell)
-    return least_filled_cell(cell_fill_order(design, participant.site), taken[True], taken[False])
+    return least_used_order_index(order_indices_for_site(design, participant.site), taken[True], taken[False])
 
 
 def _plan(connection: sa.Connection, design: Design, cell: int, participant: Participant) -> None:

@@ -50,7 +50,7 @@ def scheduled_deletions(store: Store) -> list[ScheduledDeletion]:
     }
     return [
         ScheduledDeletion(kind, day, tuple(present[kind]))
-        for kind, day in store.design.retention.due_dates.items()
+        for kind, day in store.design.retention.deletion_dates.items()
     ]
 
 

@@ -15,7 +15,7 @@ from avrgym.study.plan.preregistration import bullet_list, format_markdown, writ
 from avrgym.study.storage.store import Store
 
 DATA_PROTECTION_FOLDER = "data-protection"
-GAP_FORMAT = "**[TO FILL IN: {}]**"
+PLACEHOLDER_FORMAT = "**[TO FILL IN: {}]**"
 DRAFT_NOTICE = (
     "A draft from the study's design, by AVR Gym. Fill in the gaps in brackets. The controller completes it, consults "
     "the data protection officer (Article 35(2)) and is responsible for it."
@@ -205,4 +205,4 @@ def _risk() -> str:
 
 
 def _fill_in(what: str) -> str:
-    return GAP_FORMAT.format(what)
+    return PLACEHOLDER_FORMAT.format(what)

@@ -21,7 +21,7 @@ from avrgym.study.storage.store import Store
 
 Kind = Literal["attention", "straight_lining", "response_time"]
 KINDS: tuple[Kind, ...] = ("attention", "straight_lining", "response_time")
-MIN_ITEMS = 3
+MIN_STRAIGHT_LINING_ITEMS = 3
 """Minimum number of items of a questionnaire for straight-lining. Shorter questionnaires are ignored."""
 
 
@@ -70,7 +70,7 @@ class RuleViolation:
     reason: str
 
 
-def rule_fault(rule: ExclusionRule, items: Iterable[str]) -> str:
+def find_rule_error(rule: ExclusionRule, items: Iterable[str]) -> str:
     """Returns the error of a rule for the study's items after trials (``items``: their ids); empty if it is valid."""
     known = list(items)
     if rule.kind != "attention":
@@ -94,7 +94,7 @@ def straight_lined_share(answers: Sequence[StudyAnswer]) -> float | None:
     by_attempt: dict[int | None, list[int]] = defaultdict(list)
     for each in answers:
         by_attempt[each.attempt].append(each.value)
-    long = [values for values in by_attempt.values() if len(values) >= MIN_ITEMS]
+    long = [values for values in by_attempt.values() if len(values) >= MIN_STRAIGHT_LINING_ITEMS]
     return sum(len(set(values)) == 1 for values in long) / len(long) if long else None
 
 

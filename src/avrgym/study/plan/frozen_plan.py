@@ -183,7 +183,7 @@ def software_versions() -> dict[str, str]:
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 
-UNKNOWN_TIME = "an unknown time"
+UNKNOWN_TIME_TEXT = "an unknown time"
 UNKNOWN_DATE_MESSAGE = (
     "is of unknown date and not confirmatory: its checksum is not in the database. Restore a backup of the database. "
     "Or add a time stamp from before the first participant with `avrgym study freeze DIR --timestamp FILE`"
@@ -195,14 +195,14 @@ class FrozenPlan:
     """A frozen plan, and the evidence for its date.
 
     ``record``: ``None`` if the file cannot be read or was modified. ``faults``: error messages about the plan.
-    ``known_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
+    ``existed_since``: time at which the database stored the plan's checksum, before the first participant; ``None`` if
     unknown. ``is_adopted``: the plan was frozen at another station. ``rebuilt_at``: time of the database's rebuild, if
     any. ``time_stamp``: the plan's time stamp. ``is_date_proven``: a trusted time stamp is older than all recordings.
     """
 
     record: FrozenPlanRecord | None
     faults: tuple[str, ...] = ()
-    known_since: str | None = None
+    existed_since: str | None = None
     is_adopted: bool = False
     rebuilt_at: str | None = None
     time_stamp: TimeStamp | None = None
@@ -213,16 +213,16 @@ class FrozenPlan:
     @property
     def is_confirmatory(self) -> bool:
         """Whether the plan certainly existed before the first participant."""
-        return self.record is not None and (self.known_since is not None or self.is_date_proven)
+        return self.record is not None and (self.existed_since is not None or self.is_date_proven)
 
     @property
-    def known_time_text(self) -> str:
-        """The earliest time at which the plan certainly existed, as text; ``UNKNOWN_TIME`` if it is unknown."""
-        if self.record is not None and self.known_since is not None:
-            return self.known_since if self.is_adopted else self.record.frozen_at
+    def existed_since_text(self) -> str:
+        """The earliest time at which the plan certainly existed, as text; ``UNKNOWN_TIME_TEXT`` if it is unknown."""
+        if self.record is not None and self.existed_since is not None:
+            return self.existed_since if self.is_adopted else self.record.frozen_at
         if self.time_stamp is not None and self.is_date_proven:
             return self.time_stamp.issued_at.isoformat()
-        return UNKNOWN_TIME
+        return UNKNOWN_TIME_TEXT
 
     @property
     def origin_text(self) -> str:
@@ -230,11 +230,11 @@ class FrozenPlan:
         return " ".join(self._sentences())
 
     def _sentences(self) -> Iterator[str]:
-        if self.known_since is not None:
+        if self.existed_since is not None:
             verb = "was stored in the database" if self.is_adopted else "was frozen"
-            yield f"The plan {verb} at {_minute(self.known_time_text)} (UTC), before the first participant."
+            yield f"The plan {verb} at {_minute(self.existed_since_text)} (UTC), before the first participant."
         elif self.is_date_proven:
-            yield f"The plan existed at {_minute(self.known_time_text)} (UTC), before the first recording."
+            yield f"The plan existed at {_minute(self.existed_since_text)} (UTC), before the first recording."
         else:
             why = f", which was rebuilt at {_minute(self.rebuilt_at)} (UTC)" if self.rebuilt_at else ""
             yield (
@@ -288,7 +288,7 @@ def read_frozen_plan(store: Store) -> FrozenPlan | None:
         data,
         FrozenPlan(
             record,
-            known_since=max(each.recorded_at for each in own) if is_known else None,
+            existed_since=max(each.recorded_at for each in own) if is_known else None,
             is_adopted=all(each.name == PLAN_ADOPTED_EVENT for each in own),
             rebuilt_at=rebuilt_at,
             sha256=sha256(data),

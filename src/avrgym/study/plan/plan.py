@@ -9,7 +9,7 @@ import msgspec
 from avrgym.study.design.design import FILE as DESIGN
 from avrgym.study.design.design import Design
 from avrgym.study.design.validation import StructByKeyPath, ValidationError, parse_toml, read_text
-from avrgym.study.plan.exclusion_rules import ExclusionRule, rule_fault
+from avrgym.study.plan.exclusion_rules import ExclusionRule, find_rule_error
 from avrgym.study.storage.states import StudyError
 from avrgym.system.toml_lines import ValuePath
 
@@ -123,7 +123,9 @@ def _check_rules(rules: Sequence[ExclusionRule], items: Sequence[str]) -> None:
     names: set[str] = set()
     for index, rule in enumerate(rules):
         fault = (
-            f"{rule.name!r} is used twice; allowed: once" if rule.name in names else rule_fault(rule, items)
+            f"{rule.name!r} is used twice; allowed: once"
+            if rule.name in names
+            else find_rule_error(rule, items)
         )
         if fault:
             raise ValidationError(("exclusion", "rules", index), fault)

@@ -46,7 +46,10 @@ def write_preregistration(store: Store, available_tests: AvailableTests, form: s
     elif frozen.record is None or not frozen.is_confirmatory:
         raise StudyError(f"{FROZEN_PLAN_FILE} {'; '.join(frozen.faults)}")
     else:
-        plan, state = frozen.record.parsed_plan(), f"Frozen with AVR Gym at {frozen.known_time_text} (UTC)."
+        plan, state = (
+            frozen.record.parsed_plan(),
+            f"Frozen with AVR Gym at {frozen.existed_since_text} (UTC).",
+        )
     text = format_markdown(
         f"{store.design.title}: {title}", state, fields(store.design, plan, available_tests)
     )

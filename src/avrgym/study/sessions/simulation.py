@@ -28,7 +28,7 @@ from avrgym.study.storage.rows import Participant
 from avrgym.study.storage.states import UNKNOWN_PARTICIPATION, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.system import random_streams
-from avrgym.system.jobs import core_count, starmap
+from avrgym.system.jobs import available_core_count, starmap
 from avrgym.tasks.registry import TASKS
 from avrgym.tasks.world_people import environment_populations
 from avrgym.vr.emulation.in_process_client import ANSWER_DELAY_S, STATE_INTERVAL_TICKS, InProcessClient
@@ -71,7 +71,7 @@ class DryRunSettings:
         return words + ("" if self.impairment == "none" else f", impairment {self.impairment}")
 
 
-def find_dry_run_settings(seed: int, people: str, impairment: str) -> DryRunSettings:
+def make_dry_run_settings(seed: int, people: str, impairment: str) -> DryRunSettings:
     """Returns the settings of a dry run. ``people``: name of a population. ``impairment``: name of an impairment.
 
     Raises ``ValueError`` for an unknown name, and for a population with another version of the motion model.
@@ -82,7 +82,7 @@ def find_dry_run_settings(seed: int, people: str, impairment: str) -> DryRunSett
         raise ValueError(
             f"dry runs have motion version {MOTION_VERSION}; {people} has another version; allowed: {name}"
         )
-    return DryRunSettings(seed, people, populations, impairments.find_impairment(impairment))
+    return DryRunSettings(seed, people, populations, impairments.parse_impairment(impairment))
 
 
 def simulate_study(
@@ -113,7 +113,7 @@ def simulate_study(
         StudyError: if an earlier run had another seed or population, or if a session fails.
         PolicyError: if a policy of the design is missing. Nothing is stored then.
     """
-    dry_run = find_dry_run_settings(seed, people, impairment)
+    dry_run = make_dry_run_settings(seed, people, impairment)
     with Store(folder) as store:
         if cluster is not None and store.database.is_sqlite and cluster.has_remote_nodes():
             raise StudyError(
@@ -135,7 +135,7 @@ def simulate_study(
             progress(*_trials(store, pseudonyms))
 
         if cluster is None:
-            starmap(simulate_participant, arguments, jobs or core_count(), report)
+            starmap(simulate_participant, arguments, jobs or available_core_count(), report)
         else:
             cluster.starmap(_simulate_on_worker, arguments, report)
 

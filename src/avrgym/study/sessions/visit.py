@@ -39,7 +39,7 @@ from avrgym.study.storage.attempts import begin_attempt, complete_attempt, end_i
 from avrgym.study.storage.free_text import check_single_line
 from avrgym.study.storage.remote_recordings import fetch_recordings, upload_before_storage
 from avrgym.study.storage.rows import StudySession, Trial, TrialAttempt, pseudonym_of
-from avrgym.study.storage.session_summary import earlier_headset_s
+from avrgym.study.storage.session_summary import earlier_time_in_vr_s
 from avrgym.study.storage.sessions import (
     close_session,
     open_session,
@@ -97,7 +97,7 @@ class StudyVisit:
         self.trials = trials_in_order(store, pseudonym)
         self.storing = StorageQueue(storing or ImmediateExecutor())
         self._watch = SessionMonitor(store, self.stored.id)
-        self.headset_time = HeadsetTime(store.design.sessions, earlier_headset_s(store, self.stored))
+        self.headset_time = HeadsetTime(store.design.sessions, earlier_time_in_vr_s(store, self.stored))
         self._store_policies()
 
     @property
@@ -297,7 +297,7 @@ def plan_session(
             replace(
                 _trial_plan(store, trial, made.count(trial.id), texts),
                 rules=trial_rules(store, trial.policy, own),
-                own_preferences=trial.policy in design.conditions
+                allow_preference_changes=trial.policy in design.conditions
                 and design.conditions[trial.policy].preferences,
             )
             for trial in trials
@@ -347,7 +347,7 @@ def _trial_plan(store: Store, trial: Trial, attempts: int, texts: InterfaceTexts
         trial.practice,
         goal=texts.translate(store.design.goals.get(find_environment(trial.environment)[0], "")),
         items=translate_items(store.design.items_at_moment("after_trial", trial.seed), texts),
-        earlier_attempts=attempts,
+        num_earlier_attempts=attempts,
         settings=store.design.settings_of_condition(trial.policy),
     )
 

@@ -35,7 +35,7 @@ UNNAMED_PERSON = "unnamed"
 """Stored name of every person with a shared token."""
 ADD_EXPERIMENTER, REVOKE_EXPERIMENTER = "add experimenter", "revoke experimenter"
 """Names of two actions. The detail of their log entries is the name of an experimenter."""
-REJECTED_COMMAND = "refused"
+REJECTED_COMMAND_DETAIL = "refused"
 """Detail of the log entry of a rejected command."""
 
 

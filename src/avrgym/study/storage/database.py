@@ -20,7 +20,12 @@ from alembic.script import ScriptDirectory
 from sqlalchemy.exc import DBAPIError, OperationalError, SQLAlchemyError
 
 from avrgym.study.storage import hash_chain, sqlite
-from avrgym.study.storage.integrity_files import HEAD_FILE, MISMATCH_FILE, IntegrityFileError, IntegrityFiles
+from avrgym.study.storage.integrity_files import (
+    CHAIN_HEAD_FILE,
+    CHECKSUM_MISMATCH_FILE,
+    IntegrityFileError,
+    IntegrityFiles,
+)
 from avrgym.study.storage.participation import DATABASE_REBUILT_EVENT, ParticipationList
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.reconciliation import append_transaction, chain_id, compare_with_list, reconcile
@@ -216,7 +221,7 @@ class Database:
         """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks are kept."""
         with self._lock(wait_s=CHECKSUM_LOCK_TIMEOUT_S) as connection:
             with suppress(IntegrityFileError):
-                ends = hash_chain.missing_heads(connection, self._integrity.read_heads() or ())
+                ends = hash_chain.missing_chain_heads(connection, self._integrity.read_heads() or ())
                 self._integrity.set_heads(
                     [*ends, *({hash_chain.chain_head(connection)} - {hash_chain.ChainHead()})]
                 )
@@ -236,22 +241,22 @@ class Database:
                 ):
                     yield FILE, "was changed by another program: its checksum differs"
                 known = hash_chain.chain_head(connection)
-                lost = hash_chain.missing_heads(connection, heads or ())
+                lost = hash_chain.missing_chain_heads(connection, heads or ())
         except (IntegrityFileError, StudyError) as error:
             yield "database", str(error)
             return
-        if self._integrity.has_mismatch:
+        if self._integrity.has_checksum_mismatch:
             yield (
                 FILE,
-                f"had been changed by another program; find the cause, then remove {MISMATCH_FILE}",
+                f"had been changed by another program; find the cause, then remove {CHECKSUM_MISMATCH_FILE}",
             )
         if lost:
             yield (
                 "ledger",
-                f"ends with entry {known.number} and lacks an entry in {HEAD_FILE}: an older copy replaced it",
+                f"ends with entry {known.number} and lacks an entry in {CHAIN_HEAD_FILE}: an older copy replaced it",
             )
         if heads is None and self.is_sqlite and known.number:
-            yield HEAD_FILE, "is missing: whether the last rows were lost is unknown"
+            yield CHAIN_HEAD_FILE, "is missing: whether the last rows were lost is unknown"
 
     def _file_faults(self) -> Iterator[tuple[str, str]]:
         if not self.is_sqlite:
@@ -291,7 +296,9 @@ class Database:
         listed = self.participation.read()
         is_own = listed is None or not listed.entries or begun_with in listed.chain_ids
         _refuse_if_lost(
-            self._folder, self._called, ignored=(HEAD_FILE, PARTICIPATION) if is_own else (HEAD_FILE,)
+            self._folder,
+            self._called,
+            ignored=(CHAIN_HEAD_FILE, PARTICIPATION) if is_own else (CHAIN_HEAD_FILE,),
         )
 
     @property

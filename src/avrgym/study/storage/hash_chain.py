@@ -114,7 +114,7 @@ def chain_head(connection: sa.Connection) -> ChainHead:
     return ChainHead(*row) if row else ChainHead()
 
 
-def missing_heads(connection: sa.Connection, known: Collection[ChainHead]) -> list[ChainHead]:
+def missing_chain_heads(connection: sa.Connection, known: Collection[ChainHead]) -> list[ChainHead]:
     """Returns the heads in ``known`` that the hash chain does not contain."""
     first = min((each.number for each in known), default=0)
     later = sa.select(LEDGER_TABLE.c.number, LEDGER_TABLE.c.digest).where(LEDGER_TABLE.c.number >= first)

@@ -18,9 +18,9 @@ from pathlib import Path
 from avrgym.study.storage.hash_chain import ChainHead
 from avrgym.system.files import PRIVATE_FILE_MODE, private_opener, write_atomically
 
-HEAD_FILE = "study.head"
+CHAIN_HEAD_FILE = "study.head"
 CHECKSUM_FILE = "study.db.sha256"
-MISMATCH_FILE = f"{CHECKSUM_FILE}.mismatch"
+CHECKSUM_MISMATCH_FILE = f"{CHECKSUM_FILE}.mismatch"
 """File names of the heads, of the checksum, and of a checksum that differed from the database."""
 _HEAD_LINE = re.compile(r"([1-9][0-9]{0,17}) ([0-9a-f]{64})")
 
@@ -69,7 +69,7 @@ class IntegrityFiles:
         if self._fits(actual()):
             path.unlink()
         else:
-            os.replace(path, self._folder / MISMATCH_FILE)
+            os.replace(path, self._folder / CHECKSUM_MISMATCH_FILE)
         _sync(self._folder)
 
     def _fits(self, actual: str) -> bool:
@@ -79,9 +79,9 @@ class IntegrityFiles:
             return False
 
     @property
-    def has_mismatch(self) -> bool:
+    def has_checksum_mismatch(self) -> bool:
         """Whether a writer found a database that another program had changed."""
-        return (self._folder / MISMATCH_FILE).exists()
+        return (self._folder / CHECKSUM_MISMATCH_FILE).exists()
 
     def append_head(self, head: ChainHead) -> None:
         """Append a chain head after a transaction. Errors are ignored, because the transaction is complete."""
@@ -91,13 +91,13 @@ class IntegrityFiles:
             self._noted = True
         with (
             suppress(OSError),
-            open(self._folder / HEAD_FILE, "ab", buffering=0, opener=private_opener) as file,
+            open(self._folder / CHAIN_HEAD_FILE, "ab", buffering=0, opener=private_opener) as file,
         ):
             file.write(_line(head))
 
     def _cut_unfinished_line(self) -> None:
         """Remove an unfinished last line after a crash."""
-        path = self._folder / HEAD_FILE
+        path = self._folder / CHAIN_HEAD_FILE
         if path.exists() and not path.read_bytes().endswith(b"\n"):
             self.set_heads(self.read_heads() or ())
 
@@ -106,23 +106,23 @@ class IntegrityFiles:
 
         Raises ``IntegrityFileError`` if the file is damaged.
         """
-        path = self._folder / HEAD_FILE
+        path = self._folder / CHAIN_HEAD_FILE
         if not path.exists():
             return None
         *lines, last = _text(path).split("\n")
         found = [_HEAD_LINE.fullmatch(line) for line in lines]
         if not all(found) or len(last) > len(_line(ChainHead(10**18))):
-            raise IntegrityFileError(f"{HEAD_FILE} is damaged; restore a backup of the study")
+            raise IntegrityFileError(f"{CHAIN_HEAD_FILE} is damaged; restore a backup of the study")
         return [ChainHead(int(match[1]), match[2]) for match in found if match]
 
     def set_heads(self, heads: Iterable[ChainHead]) -> None:
         """Replace all heads in ``study.head``."""
         data = b"".join(map(_line, heads))
-        write_atomically(self._folder / HEAD_FILE, data, mode=PRIVATE_FILE_MODE)
+        write_atomically(self._folder / CHAIN_HEAD_FILE, data, mode=PRIVATE_FILE_MODE)
 
     def remove_all(self) -> None:
         """Delete all integrity files, for the rebuild of a lost database."""
-        for name in (HEAD_FILE, CHECKSUM_FILE, MISMATCH_FILE):
+        for name in (CHAIN_HEAD_FILE, CHECKSUM_FILE, CHECKSUM_MISMATCH_FILE):
             (self._folder / name).unlink(missing_ok=True)
 
 

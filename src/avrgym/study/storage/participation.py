@@ -99,7 +99,7 @@ class ParticipationEntries:
         """Id of the list: the digest of its first entry."""
         return self.entries[0].digest
 
-    def rebuild_contents(self) -> list[EntryContent]:
+    def database_rebuild_contents(self) -> list[EntryContent]:
         """Returns the contents of the entries about rebuilds of the database."""
         return [each for each in self.contents_without_participant if each["event"] == DATABASE_REBUILT_EVENT]
 

@@ -104,7 +104,7 @@ def _append(
     contents: ContentByParticipant,
     rebuilt: Collection[EntryContent] = (),
 ) -> None:
-    known_rebuilds = {(each["at"], each["detail"]) for each in before.rebuild_contents()}
+    known_rebuilds = {(each["at"], each["detail"]) for each in before.database_rebuild_contents()}
     new = [(None, each) for each in rebuilt if (each["at"], each["detail"]) not in known_rebuilds]
     new += [(number, each) for number, each in sorted(contents.items()) if _is_news(before, number, each)]
     if new:

@@ -42,7 +42,7 @@ def summarise_sessions(store: Store, pseudonym: str) -> list[SessionSummary]:
     ]
 
 
-def earlier_headset_s(store: Store, session: StudySession) -> float:
+def earlier_time_in_vr_s(store: Store, session: StudySession) -> float:
     """Returns the time in VR (s) in the interrupted sessions directly before a session."""
     pseudonym = pseudonym_of(session.participant)
     sessions = store.sessions(pseudonym)

@@ -28,7 +28,7 @@ SIGNING_KEY_FILE = "signing-key.pem"
 _STUDIES = "studies"
 
 
-class LastEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
+class LastListEntry(msgspec.Struct, frozen=True, rename={"list_id": "list_digest"}):
     """The last entry that this user wrote in a participation list.
 
     ``folder``: folder of the study. ``list_id``: id of the list. ``digest``: digest of the entry.
@@ -91,21 +91,21 @@ def is_signature_valid(public: str, signature: str, text: str) -> bool:
 
 def store_last_entry(folder: Path, list_id: str, digest: str) -> None:
     """Store the last entry of a study's participation list in the user's data folder. Errors are ignored."""
-    known = LastEntry(str(folder.resolve()), list_id, digest)
+    known = LastListEntry(str(folder.resolve()), list_id, digest)
     with suppress(OSError, ValueError):
         path = _path_of(folder)
         make_private_folder(path.parent)
         write_atomically(path, msgspec.json.encode(known), PRIVATE_FILE_MODE)
 
 
-def read_last_entry(folder: Path) -> LastEntry | None:
+def read_last_entry(folder: Path) -> LastListEntry | None:
     """Returns the stored last entry of the study in a folder; ``None`` if none is stored."""
     with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
         return _read(_path_of(folder))
     return None
 
 
-def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
+def last_entry_of_moved_study(list_id: str) -> LastListEntry | None:
     """Returns the stored last entry of a list if its study's folder no longer exists; otherwise ``None``."""
     for path in sorted((user_data_folder() / _STUDIES).glob("*.json")):
         with suppress(OSError, msgspec.DecodeError, UnicodeDecodeError):
@@ -115,8 +115,8 @@ def last_entry_of_moved_study(list_id: str) -> LastEntry | None:
     return None
 
 
-def _read(path: Path) -> LastEntry:
-    return msgspec.json.decode(path.read_bytes(), type=LastEntry)
+def _read(path: Path) -> LastListEntry:
+    return msgspec.json.decode(path.read_bytes(), type=LastListEntry)
 
 
 def _path_of(folder: Path) -> Path:

@@ -36,7 +36,7 @@ TRANSITIONS: Mapping[str, Transitions] = {
 }
 """Allowed next states of each state, by table."""
 
-PARTICIPATING_STATES = ("allocated", "completed")
+ALLOCATED_STATES = ("allocated", "completed")
 """States of participants with an allocated trial order. The allocation of the next order counts them."""
 
 

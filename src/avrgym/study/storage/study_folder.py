@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from avrgym.study.storage import identity_file
-from avrgym.study.storage.integrity_files import HEAD_FILE
+from avrgym.study.storage.integrity_files import CHAIN_HEAD_FILE
 from avrgym.study.storage.participation import FILE as PARTICIPATION
 from avrgym.study.storage.participation import ParticipationList
 from avrgym.study.storage.rows import RECORDINGS, participant_number
@@ -18,7 +18,7 @@ def find_database_traces(folder: Path) -> list[str]:
         found.append(f"names in {identity_file.identity_path(folder).relative_to(folder)}")
     if any(path.is_file() for path in (folder / RECORDINGS).rglob("*")):
         found.append(RECORDINGS)
-    found += [name for name in (HEAD_FILE, PARTICIPATION) if (folder / name).exists()]
+    found += [name for name in (CHAIN_HEAD_FILE, PARTICIPATION) if (folder / name).exists()]
     return found
 
 

@@ -12,12 +12,12 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import RightArmPoses, State
 from avrgym.tasks.arm_manipulation.reward import (
     ELBOW_INDEX,
-    RESTING_X_M,
+    RESTING_FOREARM_X_M,
     ArmManipulationState,
     forearm_up_direction_w,
     lifted_point_w,
 )
-from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s, standoff_m
+from avrgym.tasks.experts.feedback import FeedbackExpert, ToolTarget, speed_m_s, standoff_for_offset_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import Controller, RunningEpisodes
 
@@ -36,11 +36,11 @@ heights, the lateral motion decreases to zero.
 """
 CARRYING_HEIGHT_M = ARMREST_TOP_M + CONTACT_OFFSET_M + 0.03
 """Height of the forearm's axis at which the scooper passes over the armrest."""
-LIFT_TOLERANCE_M = 0.03
+LIFT_HEIGHT_TOLERANCE_M = 0.03
 """Maximum distance below the carrying height at which the scooper also moves the forearm to the person's left."""
-INWARD_OFFSET_M = 0.06
+FOREARM_GOAL_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
-MIN_LIFTED_POINT_X_M = RESTING_X_M - 0.145
+MIN_LIFTED_POINT_X_M = RESTING_FOREARM_X_M - 0.145
 """Smallest x coordinate of the forearm's lifted point during lifting. The far rim does not touch the armrest there."""
 MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
 """Maximum vertical distance of the target from the forearm, then height of the target above the carrying height.
@@ -72,13 +72,15 @@ def lifting_target(
 ) -> ToolTarget:
     """Returns the next tool target: below the forearm, then upwards, then to the person's left."""
     up_w, lifted_w = forearm_up_direction_w(state), lifted_point_w(state)
-    before = standoff_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
+    before = standoff_for_offset_m(_beside_m(state), FREE_LATERAL_OFFSET_M, MAX_STANDOFF_M)
     missing = CARRYING_HEIGHT_M - lifted_w[:, 2]
-    carries = np.clip(1.0 - missing / LIFT_TOLERANCE_M, 0.0, 1.0)
+    carries = np.clip(1.0 - missing / LIFT_HEIGHT_TOLERANCE_M, 0.0, 1.0)
     goal_w = lifted_w - (CONTACT_OFFSET_M + before)[:, None] * up_w
-    below = np.clip(1.0 - before / LIFT_TOLERANCE_M, 0.0, 1.0)
+    below = np.clip(1.0 - before / LIFT_HEIGHT_TOLERANCE_M, 0.0, 1.0)
     goal_w[:, 2] += below * np.clip(missing + HEIGHT_MARGIN_M, -MAX_VERTICAL_LEAD_M, MAX_VERTICAL_LEAD_M)
-    aim_x = MIN_LIFTED_POINT_X_M + carries * (RESTING_X_M + INWARD_OFFSET_M - MIN_LIFTED_POINT_X_M)
+    aim_x = MIN_LIFTED_POINT_X_M + carries * (
+        RESTING_FOREARM_X_M + FOREARM_GOAL_OFFSET_M - MIN_LIFTED_POINT_X_M
+    )
     above_m = ((lifted_w - state.tool_pos_w) * up_w).sum(axis=-1)
     cradled = np.clip((ON_RIM_HEIGHT_M - above_m) / (ON_RIM_HEIGHT_M - CRADLED_HEIGHT_M), 0.0, 1.0)
     goal_w[:, 0] += cradled * below * np.clip(aim_x - lifted_w[:, 0], 0.0, 2.0 * MAX_VERTICAL_LEAD_M)

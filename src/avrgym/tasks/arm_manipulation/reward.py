@@ -27,7 +27,7 @@ from avrgym.tasks.task import StepResult
 
 ELBOW_INDEX, WRIST_INDEX = 1, 2
 UP = np.array([0.0, 0.0, 1.0])
-LIFTED_POINT_SHARE = 0.8
+LIFTED_POINT_FOREARM_SHARE = 0.8
 """Point at which the scooper lifts the forearm, from the elbow (0) to the wrist (1).
 
 It is near the centre of mass of forearm and hand.
@@ -37,10 +37,10 @@ UPPER_SIDE_DIRECTION, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
 
 See ``forearm_up_direction_w``.
 """
-RESTING_X_M = -ARMREST_X_M
+RESTING_FOREARM_X_M = -ARMREST_X_M
 RESTING_FOREARM_HEIGHT_M = 0.03
 """Height of a resting forearm's axis above the armrest: the mean of the forearms' radii."""
-FOREARM_SAMPLE_SHARES = (np.arange(10) + 0.5) / 10.0
+FOREARM_SAMPLE_POSITIONS = (np.arange(10) + 0.5) / 10.0
 """Sampled points of the forearm, from the elbow (0) to the wrist (1)."""
 SUCCESS_SHARE, SUCCESS_STEPS = 0.5, 10
 """Condition of success: minimum share of the forearm above the armrest, and number of consecutive control steps (1
@@ -49,7 +49,7 @@ s)."""
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
     "arm_to_armrest_m": -1.0,
-    "returned_share": 1.0,
+    "forearm_share_above_armrest": 1.0,
     "action_squared": -0.01,
     "tool_speed_m_s": -0.25,
     "force_elsewhere_n": -0.01,
@@ -79,7 +79,7 @@ def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
 def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationState) -> StepResult:
     """Returns the result of a step. For success, half of the forearm must be above the armrest for one second."""
     xp = namespace(state.tool_pos_w)
-    share = returned_share(state)
+    share = forearm_share_above_armrest(state)
     steps = xp.where(share >= SUCCESS_SHARE, task_state.steps_above + 1, 0)
     succeeded = task_state.succeeded | (steps >= SUCCESS_STEPS)
     distance = norm(state.tool_pos_w - lifted_point_w(state))
@@ -87,7 +87,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ArmManipulationS
     terms = {
         "distance_m": distance,
         "arm_to_armrest_m": norm(distance_to_armrest_m(state)),
-        "returned_share": share,
+        "forearm_share_above_armrest": share,
         "action_squared": (action * action).sum(axis=-1),
         "tool_speed_m_s": norm(state.tool_velocity_w),
         "force_elsewhere_n": state.links_force_n,
@@ -112,7 +112,7 @@ def forearm_point_w(arm: RightArmPoses, share: FloatArray | float) -> FloatArray
 
 def lifted_point_w(arm: RightArmPoses) -> FloatArray:
     """Returns the point (N, 3) of the forearm's axis that the scooper lifts; world frame."""
-    return forearm_point_w(arm, LIFTED_POINT_SHARE)
+    return forearm_point_w(arm, LIFTED_POINT_FOREARM_SHARE)
 
 
 def forearm_up_direction_w(arm: RightArmPoses) -> FloatArray:
@@ -136,16 +136,16 @@ def distance_to_armrest_m(arm: RightArmPoses) -> FloatArray:
     pos_w = lifted_point_w(arm)
     xp = namespace(pos_w)
     way = xp.stack(
-        [RESTING_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M - pos_w[:, 2]], axis=-1
+        [RESTING_FOREARM_X_M - pos_w[:, 0], ARMREST_TOP_M + RESTING_FOREARM_HEIGHT_M - pos_w[:, 2]], axis=-1
     )
     return xp.maximum(way, xp.zeros_like(way))
 
 
-def returned_share(arm: RightArmPoses) -> FloatArray:
+def forearm_share_above_armrest(arm: RightArmPoses) -> FloatArray:
     """Returns the share (N,) of the forearm's length that is above the armrest, or above the seat next to it."""
     xp = namespace(arm.right_arm_pos_w)
-    above = [_is_above(forearm_point_w(arm, float(share))) for share in FOREARM_SAMPLE_SHARES]
-    return xp.stack(above, axis=-1).sum(axis=-1) / float(len(FOREARM_SAMPLE_SHARES))
+    above = [_is_above(forearm_point_w(arm, float(share))) for share in FOREARM_SAMPLE_POSITIONS]
+    return xp.stack(above, axis=-1).sum(axis=-1) / float(len(FOREARM_SAMPLE_POSITIONS))
 
 
 def _is_above(pos_w: FloatArray) -> BoolArray:
@@ -153,5 +153,5 @@ def _is_above(pos_w: FloatArray) -> BoolArray:
 
     Points on its outer side or in front of it are excluded.
     """
-    beside = pos_w[:, 0] < RESTING_X_M - ARMREST_HALF_WIDTH_M
+    beside = pos_w[:, 0] < RESTING_FOREARM_X_M - ARMREST_HALF_WIDTH_M
     return ~beside & (pos_w[:, 1] > ARMREST_FRONT_Y_M) & (pos_w[:, 2] > ARMREST_TOP_M)

@@ -23,7 +23,7 @@ from avrgym.tasks.arm_manipulation.expert import (
 )
 from avrgym.tasks.arm_manipulation.reward import (
     RESTING_FOREARM_HEIGHT_M,
-    RESTING_X_M,
+    RESTING_FOREARM_X_M,
     WEIGHTS,
     evaluate_step,
     forearm_up_direction_w,
@@ -88,7 +88,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialSt
     tool_w = spread_m + xp.stack(
         [xp.minimum(tool_w[:, 0], 0.0 * height + MAX_START_X_M), tool_w[:, 1], tool_w[:, 2]], axis=-1
     )
-    over_armrest = xp.full_like(height, RESTING_X_M)
+    over_armrest = xp.full_like(height, RESTING_FOREARM_X_M)
     goals_w = xp.stack(
         [xp.stack([x, lifted_w[:, 1], height], axis=-1) for x in (lifted_w[:, 0], over_armrest)], axis=1
     )

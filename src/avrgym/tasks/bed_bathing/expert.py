@@ -32,12 +32,12 @@ MIN_SWEEPS = 4
 """Minimum number of sweeps. More sweeps follow until enough markers are wiped."""
 APPROACH_PHASE, TOUCH_PHASE, WIPE_PHASE, LIFT_PHASE, REST_PHASE = range(5)
 
-END_MARGIN_M = 0.065
+LIMB_END_MARGIN_M = 0.065
 """Minimum distance of the cloth's middle from the limb's ends. The cloth then does not touch the next limb."""
 CARRY_SPEED_M_S, WIPE_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.12, 1.2
 LIFT_M, TOUCH_DEPTH_M = 0.03, 0.004
 TARGET_FORCE_N, MAX_FORCE_N, CONTACT_FORCE_N = 5.0, 15.0, 1.0
-DEPTH_GAIN_M_N = 0.0003
+DEPTH_GAIN_M_PER_N = 0.0003
 DEPTH_RANGE_M = (-0.015, 0.03)
 ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
 CHARACTERISTIC_LENGTH_M = 0.1
@@ -73,7 +73,7 @@ class BedBathingExpert:
         return action
 
     def _press(self, state: State) -> None:
-        deeper = self._depth_m + DEPTH_GAIN_M_N * (TARGET_FORCE_N - state.tool_force_n)
+        deeper = self._depth_m + DEPTH_GAIN_M_PER_N * (TARGET_FORCE_N - state.tool_force_n)
         self._depth_m = np.where(self._phase == WIPE_PHASE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
@@ -114,7 +114,7 @@ def cloth_pose(
     """
     at = limb_frame(state, limb)
     normal = elementary.cos(angle_rad)[:, None] * at.up_w + elementary.sin(angle_rad)[:, None] * at.outwards_w
-    far_m = END_MARGIN_M + share * (at.length_m - 2.0 * END_MARGIN_M)
+    far_m = LIMB_END_MARGIN_M + share * (at.length_m - 2.0 * LIMB_END_MARGIN_M)
     pos_w = at.start_w + far_m[:, None] * at.along_w + (at.radius_m + above_m)[:, None] * normal
     axes = [-normal, -at.along_w, transforms.cross(normal, at.along_w)]
     return pos_w, transforms.from_matrix(np.stack(axes, axis=-1))

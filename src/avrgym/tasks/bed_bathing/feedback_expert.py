@@ -13,8 +13,8 @@ from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing import expert
 from avrgym.tasks.bed_bathing.expert import (
     CARRY_SPEED_M_S,
-    END_MARGIN_M,
     FOREARM,
+    LIMB_END_MARGIN_M,
     MAX_FORCE_N,
     UPPER_ARM,
     WIPE_SPEED_M_S,
@@ -33,15 +33,15 @@ PASS_BORDER_ANGLE_RAD = np.radians(43.0)
 """Angle around the arm that separates the motion towards the hand from the motion back."""
 ELBOW_BORDER_ANGLE_RAD = np.radians(22.0)
 """``PASS_BORDER_ANGLE_RAD`` at the elbow, where the cloth is tilted."""
-BORDER_WIDTH_RAD = 0.1
+PASS_TRANSITION_WIDTH_RAD = 0.1
 """Width of the transition between these two motions, as an angle around the arm."""
-TURN_BACK_POSITION = 2.9
+TURN_BACK_ARM_POSITION = 2.9
 """Position along the arm at which the cloth turns back."""
-TURN_BACK_WIDTH = 0.08
-"""Width of the transition at ``TURN_BACK_POSITION``, in positions along the arm."""
+TURN_BACK_TRANSITION_WIDTH = 0.08
+"""Width of the transition at ``TURN_BACK_ARM_POSITION``, in positions along the arm."""
 LOOKAHEAD_DISTANCE = 0.3
 """Distance from the cloth to its target, in positions along the arm."""
-MAX_LOOKAHEAD_RAD = 0.8
+MAX_LOOKAHEAD_ANGLE_RAD = 0.8
 """Largest angle around the arm from the cloth to its target."""
 APPROACH_HEIGHT_M = 0.045
 """Minimum height above the skin of a cloth that approaches the arm."""
@@ -53,13 +53,13 @@ MAX_ADVANCE_HEIGHT_M = 0.01
 """Maximum height above the skin at which the cloth moves along the arm."""
 MIN_SPEED_SHARE = 0.05
 """Smallest speed along the arm, relative to the full speed."""
-DEPTH_GAIN_M_N = 0.0003
+DEPTH_GAIN_M_PER_N = 0.0003
 """Depth step in one control step, per newton of force error."""
 MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
 """Minimum and maximum of the depth step in one control step."""
 NO_CONTACT_DEPTH_STEP_M = 0.006
 """Depth step in one control step without contact."""
-HEIGHT_RANGE_M = (-0.03, 0.01)
+TARGET_HEIGHT_RANGE_M = (-0.03, 0.01)
 """Range of the target's height above the skin."""
 
 
@@ -69,12 +69,12 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
     away = above_m > APPROACH_HEIGHT_M
     elbow = elementary.sin(np.pi * np.clip(along - 1.0, 0.0, 1.0))
     border = PASS_BORDER_ANGLE_RAD + (ELBOW_BORDER_ANGLE_RAD - PASS_BORDER_ANGLE_RAD) * np.sqrt(elbow)
-    back = _gradual((angle - border) / BORDER_WIDTH_RAD)
-    side = np.maximum(back, _gradual((along - TURN_BACK_POSITION) / TURN_BACK_WIDTH))
+    back = _gradual((angle - border) / PASS_TRANSITION_WIDTH_RAD)
+    side = np.maximum(back, _gradual((along - TURN_BACK_ARM_POSITION) / TURN_BACK_TRANSITION_WIDTH))
     turn: FloatArray = np.clip(
         TOP_PASS_ANGLE_RAD + side * (SIDE_PASS_ANGLE_RAD - TOP_PASS_ANGLE_RAD) - angle,
-        -MAX_LOOKAHEAD_RAD,
-        MAX_LOOKAHEAD_RAD,
+        -MAX_LOOKAHEAD_ANGLE_RAD,
+        MAX_LOOKAHEAD_ANGLE_RAD,
     )
     advance = np.maximum(
         np.clip(1.0 - above_m / MAX_ADVANCE_HEIGHT_M, MIN_SPEED_SHARE, 1.0), np.minimum(1.0, 3.0 * elbow)
@@ -84,11 +84,13 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
         state, np.where(away, 0.0, next_along), np.where(away, float(TOP_PASS_ANGLE_RAD), angle + turn)
     )
     deeper = np.clip(
-        DEPTH_GAIN_M_N * (expert.TARGET_FORCE_N - state.tool_force_n), MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M
+        DEPTH_GAIN_M_PER_N * (expert.TARGET_FORCE_N - state.tool_force_n), MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M
     )
     deeper = np.where(state.tool_force_n > 0.0, deeper, NO_CONTACT_DEPTH_STEP_M)
-    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *HEIGHT_RANGE_M)
-    height = np.maximum(height, HEIGHT_RANGE_M[0] + elbow * (ELBOW_LIFT_HEIGHT_M - HEIGHT_RANGE_M[0]))
+    height = np.clip(((planner.pos_w - skin_w) * out).sum(axis=-1) - deeper, *TARGET_HEIGHT_RANGE_M)
+    height = np.maximum(
+        height, TARGET_HEIGHT_RANGE_M[0] + elbow * (ELBOW_LIFT_HEIGHT_M - TARGET_HEIGHT_RANGE_M[0])
+    )
     before = APPROACH_END_HEIGHT_M + funnel_standoff_m(
         skin_w - state.tool_pos_w, out, APPROACH_END_HEIGHT_M, 4.0 * APPROACH_END_HEIGHT_M
     )
@@ -115,9 +117,9 @@ def _on_arm(state: State) -> tuple[FloatArray, FloatArray, FloatArray]:
     offset, length = state.tool_pos_w - at.start_w, at.length_m
     far: FloatArray = (offset * at.along_w).sum(axis=-1)
     angle = elementary.arctan2((offset * at.outwards_w).sum(axis=-1), (offset * at.up_w).sum(axis=-1))
-    share = np.clip((far - END_MARGIN_M) / (length - 2.0 * END_MARGIN_M), 0.0, 1.0)
+    share = np.clip((far - LIMB_END_MARGIN_M) / (length - 2.0 * LIMB_END_MARGIN_M), 0.0, 1.0)
     to_elbow = np.where(limb == 0, length - far, far)
-    past_end = np.clip(1.0 - to_elbow / END_MARGIN_M, 0.0, 1.0)
+    past_end = np.clip(1.0 - to_elbow / LIMB_END_MARGIN_M, 0.0, 1.0)
     along = share + 2.0 * limb + 0.5 * past_end * (1.0 - 2.0 * limb)
     return along, angle, norm(offset - far[:, None] * at.along_w) - at.radius_m
 

@@ -24,7 +24,7 @@ from avrgym.tasks.task import StepResult
 
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
-MIN_RIM_COSINE = 0.26
+MIN_CONTACT_NORMAL_COSINE = 0.26
 """Cosine of 75°, the maximum angle between two normals: of the wiping face, and of a contact at its rim."""
 SUCCESS_SHARE = 0.30
 ROUNDING_MARGIN_M = 1e-5
@@ -193,7 +193,7 @@ def _on_face(state: State, rows: IntArray) -> BoolArray:
     to_pad = transforms.conjugate(state.pad_q_w[rows, None])
     place = transforms.rotate(to_pad, state.tool_contact_pos_w[rows] - state.pad_pos_w[rows, None])
     normal = transforms.rotate(to_pad, state.tool_contact_normal_w[rows])
-    return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > MIN_RIM_COSINE)
+    return (place[..., 0] > PAD_CENTRE_M[0]) & (normal[..., 0] > MIN_CONTACT_NORMAL_COSINE)
 
 
 def _touched(contact_pos: FloatArray, near: BoolArray, marker_pos: FloatArray) -> BoolArray:

@@ -31,9 +31,9 @@ HAND_DIRECTION_MOUNTED_W, HAND_DIRECTION_FLOOR_W = (
 
 For a robot on the floor it is 40° above the horizontal. With these directions the robots reach the whole arm.
 """
-BEND_TRANSITION_M = 0.06
+BEND_TRANSITION_DISTANCE_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
-LOOKAHEAD_M = 0.05
+LOOKAHEAD_DISTANCE_M = 0.05
 MAX_CENTRED_OFFSET_M, LATERAL_GAIN = 0.03, 1.5
 """Maximum distance of the opening's centre from the arm's axis at which the opening moves over the hand.
 
@@ -58,7 +58,7 @@ The free half of the opening lags behind the hoop.
 """
 
 
-def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
+def sleeve_opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     """Returns rotations (..., 4) of the opening for pulling directions (..., 3).
 
     The mount determines on which side of the arm the robot's hand is.
@@ -72,16 +72,16 @@ def opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     return transforms.from_matrix(xp.stack([x, along_w, transforms.cross(x, along_w)], axis=-1))
 
 
-def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
+def pulling_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: a motion of the opening along the arm.
 
     The tool stops if the arm is dressed. It moves back if the force is high or an obstacle blocks it.
     """
     path = arm_path(state)
-    end_m = path.section_end_m[:, 2] - DRESSED_SHOULDER_DISTANCE_M + SHOULDER_OVERSHOOT_M
+    end_m = path.section_end_distance_m[:, 2] - DRESSED_SHOULDER_DISTANCE_M + SHOULDER_OVERSHOOT_M
     here = nearest_path_point(planner.pos_w, path, extended=True)
     beside_m = norm(planner.pos_w - here.pos_w)
-    wait_m = -BEND_TRANSITION_M - LATERAL_GAIN * np.maximum(beside_m - MAX_CENTRED_OFFSET_M, 0.0)
+    wait_m = -BEND_TRANSITION_DISTANCE_M - LATERAL_GAIN * np.maximum(beside_m - MAX_CENTRED_OFFSET_M, 0.0)
     before = here.path_distance_m < 0.0
     limit_m = np.where(before & (beside_m > MAX_CENTRED_OFFSET_M), wait_m, end_m)
     lag_m = norm(state.tool_pos_w - planner.pos_w)
@@ -90,10 +90,10 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
         (MAX_LAG_M - lag_m) / (MAX_LAG_M - FREE_LAG_M),
     )
     centred_share = np.clip(2.0 - beside_m / MAX_CENTRED_OFFSET_M, 0.0, 1.0)
-    step_m = LOOKAHEAD_M * np.where(before, 1.0, centred_share)
+    step_m = LOOKAHEAD_DISTANCE_M * np.where(before, 1.0, centred_share)
     backs = free_share < 0.0
     ahead_m = np.where(
-        backs, here.path_distance_m - LOOKAHEAD_M, np.minimum(here.path_distance_m + step_m, limit_m)
+        backs, here.path_distance_m - LOOKAHEAD_DISTANCE_M, np.minimum(here.path_distance_m + step_m, limit_m)
     )
     place_w, _ = _path_point(path, ahead_m)
     _, along_w = _path_point(path, here.path_distance_m)
@@ -101,7 +101,7 @@ def drawing_target(state: State, task_state: TaskState, planner: MotionPlanner) 
     drawn = np.minimum(DRAW_SPEED_M_S, SPEED_GAIN_PER_S * np.abs(end_m - here.path_distance_m))
     speed = share * np.where(before, APPROACH_SPEED_M_S, np.maximum(drawn, MIN_SPEED_M_S))
     stays = is_dressed(task_state) & ~backs
-    q_w = np.where(stays[:, None], planner.q_w, opening_rotation(planner.scene, along_w))
+    q_w = np.where(stays[:, None], planner.q_w, sleeve_opening_rotation(planner.scene, along_w))
     return place_w, q_w, np.where(stays, 0.0, speed)
 
 
@@ -110,13 +110,15 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
     Directions change gradually at wrist and elbow.
     """
-    start_m = path.section_end_m - path.length_m
+    start_m = path.section_end_distance_m - path.length_m
     low = np.where(np.arange(3) == 0, -np.inf, 0.0)
     part_m = np.minimum(np.maximum(at_m[:, None] - start_m, low), path.length_m)
     place_w = path.section_start_w[:, 0] + (part_m[..., None] * path.section_direction_w).sum(axis=1)
-    share = np.clip((at_m[:, None] - path.section_end_m[:, :2]) / (2.0 * BEND_TRANSITION_M) + 0.5, 0.0, 1.0)[
-        ..., None
-    ]
+    share = np.clip(
+        (at_m[:, None] - path.section_end_distance_m[:, :2]) / (2.0 * BEND_TRANSITION_DISTANCE_M) + 0.5,
+        0.0,
+        1.0,
+    )[..., None]
     along_w = path.section_direction_w[:, 0] + (
         share * (path.section_direction_w[:, 1:] - path.section_direction_w[:, :-1])
     ).sum(axis=1)
@@ -133,5 +135,5 @@ class DressingExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         state, task_state = self._episodes.state(), self._episodes.task_state
-        pos_w, q_w, speed = drawing_target(state, task_state, self._planner)
+        pos_w, q_w, speed = pulling_target(state, task_state, self._planner)
         return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)

@@ -65,17 +65,17 @@ class ArmPath(NamedTuple):
     """Three sections of the left arm, from the hand's centre to wrist, elbow and shoulder; world frame.
 
     ``section_start_w`` and ``section_direction_w`` are start point and direction of each section, (N, 3, 3).
-    ``length_m`` (N, 3) are the lengths of the sections. ``section_end_m`` (N, 3) are the distances of their ends from
-    the hand's centre along the arm.
+    ``length_m`` (N, 3) are the lengths of the sections. ``section_end_distance_m`` (N, 3) are the distances of their
+    ends from the hand's centre along the arm.
     """
 
     section_start_w: FloatArray
     section_direction_w: FloatArray
     length_m: FloatArray
-    section_end_m: FloatArray
+    section_end_distance_m: FloatArray
 
 
-class PathPoint(NamedTuple):
+class NearestPathPoint(NamedTuple):
     """The points of N arm paths that are nearest to given points.
 
     ``pos_w`` (N, 3) is the nearest point, ``section_index`` (N,) its section. ``path_distance_m`` (N,) is its distance
@@ -113,11 +113,15 @@ def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -
     opening = locate_opening(state, path)
     dressed_m = xp.where(opening.is_around_arm, opening.path_distance_m, 0.0)
     most_m = xp.maximum(dressed_m, task_state.dressed_m)
-    places_m = path.section_end_m - constant_like(np.array([0.0, 0.0, DRESSED_SHOULDER_DISTANCE_M]), most_m)
+    places_m = path.section_end_distance_m - constant_like(
+        np.array([0.0, 0.0, DRESSED_SHOULDER_DISTANCE_M]), most_m
+    )
     passed = xp.astype((most_m[:, None] >= places_m).sum(axis=-1), xp.int64)
     passed = xp.maximum(passed, task_state.passed)
     to_hand_m = norm(opening.centre_w - path.section_start_w[:, 0])
-    distance_m = path.section_end_m[:, 2] - dressed_m + xp.where(opening.is_around_arm, 0.0, to_hand_m)
+    distance_m = (
+        path.section_end_distance_m[:, 2] - dressed_m + xp.where(opening.is_around_arm, 0.0, to_hand_m)
+    )
     terms = {
         "distance_m": distance_m,
         "action_squared": (action * action).sum(axis=-1),
@@ -165,11 +169,11 @@ def locate_opening(state: State, path: ArmPath) -> SleeveOpening:
     nearest = nearest_path_point(centre_w, path)
     axis_w = path.section_direction_w[row_indices(nearest.section_index), nearest.section_index]
     ahead_m = ((centre_w - path.section_start_w[:, 0]) * path.section_direction_w[:, 0]).sum(axis=-1)
-    around = is_around(rim_w, nearest.pos_w, axis_w) & (ahead_m > 0.0)
+    around = is_rim_around_axis(rim_w, nearest.pos_w, axis_w) & (ahead_m > 0.0)
     return SleeveOpening(centre_w, nearest.section_index, nearest.path_distance_m, around)
 
 
-def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> PathPoint:
+def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> NearestPathPoint:
     """Returns the points of the paths that are nearest to positions (N, 3).
 
     With ``extended``, the first section continues in front of the hand.
@@ -181,11 +185,11 @@ def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = Fal
     points_w = path.section_start_w + inside_m[..., None] * path.section_direction_w
     section = norm(pos_w[:, None] - points_w).argmin(axis=-1)
     row = row_indices(section)
-    at_m = path.section_end_m[row, section] - path.length_m[row, section] + inside_m[row, section]
-    return PathPoint(points_w[row, section], section, at_m)
+    at_m = path.section_end_distance_m[row, section] - path.length_m[row, section] + inside_m[row, section]
+    return NearestPathPoint(points_w[row, section], section, at_m)
 
 
-def is_around(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
+def is_rim_around_axis(rim_w: FloatArray, point_w: FloatArray, axis_w: FloatArray) -> BoolArray:
     """Returns a boolean mask (N,) of the closed polylines ``rim_w`` (N, R, 3) that wind around their axis.
 
     Each axis is given by a point (N, 3) and a unit direction (N, 3).

@@ -16,7 +16,7 @@ from avrgym.people.distributions import Pose
 from avrgym.simulation.worlds import InitialState
 from avrgym.tasks import observation as seen
 from avrgym.tasks import placement
-from avrgym.tasks.dressing.expert import DressingExpert, drawing_target, opening_rotation
+from avrgym.tasks.dressing.expert import DressingExpert, pulling_target, sleeve_opening_rotation
 from avrgym.tasks.dressing.reward import (
     DRESSED_SHOULDER_DISTANCE_M,
     FOREARM_GEOM,
@@ -56,7 +56,10 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialSt
     )
     hand_w = wrist_w - human.body_layout_of_people(people).geom_size["left_hand"][:, :1] * forearm_w
     offset = MAX_START_OFFSET_M * (2.0 * uniforms[:, 0:3] - 1.0)
-    forearm_q, upper_arm_q = opening_rotation(scene, forearm_w), opening_rotation(scene, upper_arm_w)
+    forearm_q, upper_arm_q = (
+        sleeve_opening_rotation(scene, forearm_w),
+        sleeve_opening_rotation(scene, upper_arm_w),
+    )
     goals = xp.stack([wrist_w, elbow_w, shoulder_w - DRESSED_SHOULDER_DISTANCE_M * upper_arm_w], axis=1)
     goals_q = xp.stack([forearm_q, upper_arm_q, upper_arm_q], axis=1)
     tool_w = hand_w - START_HAND_DISTANCE_M * forearm_w + offset
@@ -102,7 +105,7 @@ DRESSING = Task(
     weights=WEIGHTS,
     evaluate_step=evaluate_step,
     expert=DressingExpert,
-    feedback_expert=partial(FeedbackExpert, target=drawing_target),
+    feedback_expert=partial(FeedbackExpert, target=pulling_target),
     views=Views(
         mounted=View((0.22, -0.25, 0.92), 1.75, 125.0, -24.0),
         on_floor=View((0.35, -0.25, 0.90), 2.3, 105.0, -26.0),

@@ -33,10 +33,10 @@ CARRY_TILT_RAD = np.radians(45.0)
 """Tilt of the cup during the approach. The robot's fingers are then below the chin."""
 POUR_START_TILT_RAD = np.radians(70.0)
 """Tilt below which no water flows out of the cup."""
-EMPTY_TILT_RAD = np.radians(92.0)
+EMPTY_CUP_TILT_RAD = np.radians(92.0)
 """Tilt at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
-TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_TILT_RAD), 5)
+TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_CUP_TILT_RAD), 5)
 """Tilts at which an approach is checked."""
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -75,7 +75,7 @@ class DrinkingExpert:
         near = self._arrived & (norm(pos_w - planner.pos_w) < TILT_START_DISTANCE_M)
         rate = np.where(self._tilt_rad < POUR_START_TILT_RAD, TURN_SPEED_RAD_S, POUR_SPEED_RAD_S)
         self._tilt_rad = np.minimum(
-            self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_TILT_RAD
+            self._tilt_rad + np.where(near, planner.scene.control_step_s * rate, 0.0), EMPTY_CUP_TILT_RAD
         )
         into = planner.step_on_line(pos_w, q_w, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S)
         return planner.action_to_joint_positions(np.where(self._arrived[:, None], into, swing))
@@ -112,7 +112,7 @@ class DrinkingExpert:
             for tilt in TILTS_RAD.tolist()
         ]
         for pos_w, q_w in poses:
-            joint_positions = self._planner.solve_joint_positions(pos_w, q_w, joint_positions)
+            joint_positions = self._planner.solve_inverse_kinematics(pos_w, q_w, joint_positions)
             gap = self._planner.clearance_m(joint_positions[:, None], state, tool=False)[:, 0]
             gap_m = np.minimum(gap_m, gap)
         pos_w, q_w = poses[-1]

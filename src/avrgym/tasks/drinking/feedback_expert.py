@@ -11,7 +11,7 @@ from avrgym.tasks.experts.feedback import TURN_SPEED_RAD_S, ToolTarget, funnel_s
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
-TILT_DISTANCE_M = 0.015
+MAX_TILTING_DISTANCE_M = 0.015
 """Maximum distance to the lips at which the cup is tilted further.
 
 It contains a margin for the person's motion and the arm's lag.
@@ -28,12 +28,12 @@ def drinking_target(
     tilt = expert.clipped_cup_tilt_rad(planner.q_w)
     into = transforms.rotate(expert.approach_heading_q_w(state, approach), expert.FORWARD)
     offset = expert.cup_pose_at_mouth(state, approach, tilt, cup)[0] - planner.pos_w
-    near = norm(offset) < TILT_DISTANCE_M
+    near = norm(offset) < MAX_TILTING_DISTANCE_M
     rate = np.where(tilt < expert.POUR_START_TILT_RAD, TURN_SPEED_RAD_S, TILT_SPEED_RAD_S)
     far = norm(offset) > expert.STANDOFF_M
     tilt = np.where(
         near, tilt + planner.scene.control_step_s * rate, np.where(far, expert.CARRY_TILT_RAD, tilt)
     )
-    goal_w, q_w = expert.cup_pose_at_mouth(state, approach, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
+    goal_w, q_w = expert.cup_pose_at_mouth(state, approach, np.minimum(tilt, expert.EMPTY_CUP_TILT_RAD), cup)
     back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M)
     return goal_w - back_m[:, None] * into, q_w, speed_m_s(offset, expert.APPROACH_SPEED_M_S)

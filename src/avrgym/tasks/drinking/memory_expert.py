@@ -22,7 +22,7 @@ from avrgym.models.human import GEOMS
 from avrgym.simulation.worlds import State
 from avrgym.tasks.drinking import expert
 from avrgym.tasks.drinking.expert import Approach
-from avrgym.tasks.drinking.reward import in_cup
+from avrgym.tasks.drinking.reward import is_in_cup
 from avrgym.tasks.experts.feedback import (
     MAX_SPEED_M_S,
     SPEED_GAIN_PER_S,
@@ -36,13 +36,13 @@ from avrgym.tasks.task import RunningEpisodes
 
 MIN_SPEED_M_S = 0.02
 """Minimum speed of a cup that approaches the lips."""
-RETREAT_SPEED_M_S = 0.10
+MIN_RETREAT_SPEED_M_S = 0.10
 """Minimum speed of a cup that retreats from the lips."""
 POUR_START_DISTANCE_M = 0.03
 """Distance to the lips below which pouring starts."""
 POUR_STOP_DISTANCE_M = 0.05
 """Distance to the lips above which pouring stops."""
-REST_SPEED_M_S = 0.05
+MAX_RESTING_MOUTH_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
 POUR_TILT_RAD = np.radians(89.5)
 """Tilt at which the last water reaches the rim. It was measured in simulation at a tilt rate of 0.1 rad/s."""
@@ -54,22 +54,23 @@ TILT_GAIN_PER_S = 3.0
 """Tilt rate per radian of distance from the pouring tilt, 1/s."""
 POUR_SPEED_RAD_S = 0.03
 """Tilt rate while pouring."""
-LOOK_AWAY_RAD = np.radians(25.0)
+LOOK_AWAY_ANGLE_RAD = np.radians(25.0)
 """Angle of a face above which the person looks away."""
-FAR_LOOK_AWAY_RAD = np.radians(33.0)
+FAR_LOOK_AWAY_ANGLE_RAD = np.radians(33.0)
 """Angle of a face at which the person looks far away."""
 EXPECTED_RETURN_ANGLE_RAD = np.radians(8.0)
 """Expected angle of the face after the person has looked far away.
 
-The expected angle increases linearly to ``LOOK_AWAY_RAD`` as the largest angle decreases to ``LOOK_AWAY_RAD``.
+The expected angle increases linearly to ``LOOK_AWAY_ANGLE_RAD`` as the largest angle decreases to
+``LOOK_AWAY_ANGLE_RAD``.
 """
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """Rotation of the face since the start below which the person does not look away."""
-MAX_PENETRATION_M = 0.001
-"""Distance of the cup past its goal above which it retreats with at least ``RETREAT_SPEED_M_S``."""
+MAX_GOAL_OVERSHOOT_M = 0.001
+"""Distance of the cup past its goal above which it retreats with at least ``MIN_RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
 """Additional distance from the lips of a cup that waits."""
-LATERAL_OFFSET_M = 0.025
+DEFAULT_LATERAL_OFFSET_M = 0.025
 """Default lateral offset of the cup's reference point from its pouring point.
 
 A rotation about the cup's axis causes the offset. The rotation helps arms on the person's right to reach the mouth.
@@ -82,7 +83,7 @@ MAX_LIP_OFFSET_M = 0.04
 """Maximum lateral offset of the cup from the lips."""
 ROTATION_COMPENSATION_SHARE = 0.7
 """Share of the lateral offset that a rotation of the cup compensates."""
-FACING_CUP_RAD = float(np.radians(8.0))
+FACING_CUP_YAW_RAD = float(np.radians(8.0))
 """Yaw, to the left, of a face that looks at the cup."""
 
 _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "left"))
@@ -101,11 +102,14 @@ class DrinkingMemoryExpert:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         planner, state = self._planner, self._episodes.state()
-        planner.reset_posture()
-        rests = norm(state.mouth_pos_w - self._mouth_w) < REST_SPEED_M_S * self._planner.scene.control_step_s
+        planner.reset_preferred_posture()
+        rests = (
+            norm(state.mouth_pos_w - self._mouth_w)
+            < MAX_RESTING_MOUTH_SPEED_M_S * self._planner.scene.control_step_s
+        )
         self._mouth_w = state.mouth_pos_w
         turn_rad = _turn_rad(state)
-        away = (np.abs(turn_rad) > LOOK_AWAY_RAD) & (
+        away = (np.abs(turn_rad) > LOOK_AWAY_ANGLE_RAD) & (
             np.abs(turn_rad - self._first_turn_rad) >= MIN_HEAD_TURN_RAD
         )
         awaited = _turned(state, np.where(away, _expected_rad(turn_rad) - turn_rad, 0.0))
@@ -113,30 +117,30 @@ class DrinkingMemoryExpert:
 
     def _bring(self, state: State, rests: BoolArray, away: BoolArray) -> FloatArray:
         planner, cup = self._planner, self._cup
-        way = _way(np.full(len(rests), LATERAL_OFFSET_M), cup)
+        way = _way(np.full(len(rests), DEFAULT_LATERAL_OFFSET_M), cup)
         tilt = expert.clipped_cup_tilt_rad(planner.q_w)
         at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
         left = _to_the_left(state)
         aside_m = _aside_m(state, left, planner.pos_w, at_lips_w)
         turned_m = np.clip(
-            LATERAL_OFFSET_M + ROTATION_COMPENSATION_SHARE * aside_m,
+            DEFAULT_LATERAL_OFFSET_M + ROTATION_COMPENSATION_SHARE * aside_m,
             -MAX_LATERAL_OFFSET_M,
             MAX_LATERAL_OFFSET_M,
         )
         way = _way(turned_m, cup)
         at_lips_w, _ = expert.cup_pose_at_mouth(state, way, tilt, cup)
-        aside = (LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
+        aside = (DEFAULT_LATERAL_OFFSET_M + aside_m - turned_m)[:, None] * left
         offset = at_lips_w + aside - planner.pos_w
-        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count_events(in_cup(state, cup))
+        pours_rad = POUR_TILT_RAD - TILT_PER_PARTICLE_RAD * count_events(is_in_cup(state, cup))
         tilt = _next_tilt_rad(planner.scene.control_step_s, tilt, pours_rad, norm(offset), rests, away)
-        goal_w, q_w = expert.cup_pose_at_mouth(state, way, np.minimum(tilt, expert.EMPTY_TILT_RAD), cup)
+        goal_w, q_w = expert.cup_pose_at_mouth(state, way, np.minimum(tilt, expert.EMPTY_CUP_TILT_RAD), cup)
         into = transforms.rotate(expert.approach_heading_q_w(state, way), expert.FORWARD)
         back_m = funnel_standoff_m(offset, into, 0.01, expert.STANDOFF_M) + np.where(
             away, WAITING_STANDOFF_M, 0.0
         )
         goal_w = goal_w + aside - back_m[:, None] * into
-        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -MAX_PENETRATION_M
-        slowest = np.where(too_far, RETREAT_SPEED_M_S, MIN_SPEED_M_S)
+        too_far = ((goal_w - planner.pos_w) * into).sum(axis=-1) < -MAX_GOAL_OVERSHOOT_M
+        slowest = np.where(too_far, MIN_RETREAT_SPEED_M_S, MIN_SPEED_M_S)
         speed = np.clip(SPEED_GAIN_PER_S * norm(offset), slowest, MAX_SPEED_M_S)
         return planner.action_to_pose(goal_w, q_w, speed, TURN_SPEED_RAD_S)
 
@@ -181,14 +185,15 @@ def _turn_rad(state: State) -> FloatArray:
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
     )
-    return turn_rad - FACING_CUP_RAD
+    return turn_rad - FACING_CUP_YAW_RAD
 
 
 def _expected_rad(turn_rad: FloatArray) -> FloatArray:
     """Returns the angle (N,) at which faces of people who look away are expected to return."""
-    share = (np.abs(turn_rad) - LOOK_AWAY_RAD) / (FAR_LOOK_AWAY_RAD - LOOK_AWAY_RAD)
+    share = (np.abs(turn_rad) - LOOK_AWAY_ANGLE_RAD) / (FAR_LOOK_AWAY_ANGLE_RAD - LOOK_AWAY_ANGLE_RAD)
     return np.sign(turn_rad) * np.maximum(
-        LOOK_AWAY_RAD - share * (LOOK_AWAY_RAD - EXPECTED_RETURN_ANGLE_RAD), EXPECTED_RETURN_ANGLE_RAD
+        LOOK_AWAY_ANGLE_RAD - share * (LOOK_AWAY_ANGLE_RAD - EXPECTED_RETURN_ANGLE_RAD),
+        EXPECTED_RETURN_ANGLE_RAD,
     )
 
 

@@ -65,7 +65,7 @@ def evaluate_step(
     Water outside the cup within 3 cm of the mouth is drunk. Water below cup and mouth is spilled.
     """
     check_particle_count(state, task_state.drunk)
-    outside = ~(task_state.gone | in_cup(state, cup))
+    outside = ~(task_state.gone | is_in_cup(state, cup))
     drinkable = outside & ~task_state.spilled
     drunk = drinkable & (norm(state.particle_pos_w - state.mouth_pos_w[:, None]) < MOUTH_RADIUS_M)
     spilled = drinkable & ~drunk & _fallen(state, cup)
@@ -95,7 +95,7 @@ def evaluate_step(
     return StepResult(after, terms, distance, state.total_force_n, success, drunk.sum(axis=-1), gone)
 
 
-def in_cup(state: State, cup: CupShape = DEFAULT_CUP_SHAPE) -> BoolArray:
+def is_in_cup(state: State, cup: CupShape = DEFAULT_CUP_SHAPE) -> BoolArray:
     """Returns a boolean mask (N, K) of water particles inside the cup, below its rim."""
     to_cup = transforms.conjugate(state.tool_q_w)[:, None]
     pos = transforms.rotate(to_cup, state.particle_pos_w - state.tool_pos_w[:, None])

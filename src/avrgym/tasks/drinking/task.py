@@ -19,7 +19,7 @@ from avrgym.tasks.drinking.feedback_expert import drinking_target
 from avrgym.tasks.drinking.memory_expert import DrinkingMemoryExpert
 from avrgym.tasks.drinking.reward import WEIGHTS, evaluate_step, init_state
 from avrgym.tasks.experts.feedback import FeedbackExpert
-from avrgym.tasks.observation import mouth_task_observation
+from avrgym.tasks.observation import make_mouth_task_observation
 from avrgym.tasks.person import TURNED_HEAD_POSE
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
@@ -64,7 +64,7 @@ def make_drinking_task(settings: Settings = DEFAULT_SETTINGS) -> Task:
         num_uniforms=3 + placement.NUM_UNIFORMS,
         start=start,
         init_state=partial(init_state, particles=particles),
-        observation=mouth_task_observation,
+        observation=make_mouth_task_observation,
         weights=WEIGHTS,
         evaluate_step=partial(evaluate_step, cup=shape),
         expert=partial(DrinkingExpert, cup=shape),

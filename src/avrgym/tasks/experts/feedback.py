@@ -36,7 +36,7 @@ class FeedbackPlanner(MotionPlanner):
         ends = AVOIDED_JOINT_RANGE_SHARE * (upper - lower)
         self._middle = lower + ends, upper - ends
 
-    def reset_posture(self) -> None:
+    def reset_preferred_posture(self) -> None:
         """Set the preferred posture to the current positions, clipped to the middle of the joint ranges."""
         self._update()
         self.preferred_posture = np.clip(self.joint_positions, *self._middle)
@@ -57,22 +57,22 @@ class FeedbackExpert:
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
-        self._planner.reset_posture()
+        self._planner.reset_preferred_posture()
         state, task_state = self._episodes.state(), self._episodes.task_state
         pos_w, q_w, speed = self._target(state, task_state, self._planner)
         return self._planner.action_to_pose(pos_w, q_w, speed, TURN_SPEED_RAD_S)
 
 
 def funnel_standoff_m(offset: FloatArray, axis: FloatArray, free_m: float, max_m: float) -> FloatArray:
-    """Returns the standoff (N,) from the goal along ``axis`` (N, 3), in metres; see ``standoff_m``.
+    """Returns the standoff (N,) from the goal along ``axis`` (N, 3), in metres; see ``standoff_for_offset_m``.
 
     ``offset`` (N, 3) is the vector from tool to goal. The lateral offset is the part of it that is perpendicular to
     ``axis``.
     """
-    return standoff_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
+    return standoff_for_offset_m(norm(offset - (offset * axis).sum(axis=-1)[:, None] * axis), free_m, max_m)
 
 
-def standoff_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
+def standoff_for_offset_m(lateral_offset_m: FloatArray, free_m: float, max_m: float) -> FloatArray:
     """Returns the standoff (N,) from the goal in metres, for lateral offsets (N,) in metres.
 
     The standoff is 0 for offsets up to ``free_m``. For larger offsets it increases linearly, to at most ``max_m``.

@@ -10,8 +10,8 @@ from avrgym.models.scene import SceneConfig
 from avrgym.simulation.worlds import Simulation, State
 from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
 
-FILTERED_POSITIONS = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
-FILTERED_ROTATIONS = ("head_q_w", "right_arm_q_w")
+FILTERED_POSITION_FIELDS = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
+FILTERED_ROTATION_FIELDS = ("head_q_w", "right_arm_q_w")
 """Fields of the state that contain the person's pose."""
 
 
@@ -53,8 +53,12 @@ class _FilteredEpisodes:
 
     def state(self) -> State:
         before, now = self._before, self._now
-        places = {name: 0.5 * (getattr(before, name) + getattr(now, name)) for name in FILTERED_POSITIONS}
-        rotations = {name: _between(getattr(before, name), getattr(now, name)) for name in FILTERED_ROTATIONS}
+        places = {
+            name: 0.5 * (getattr(before, name) + getattr(now, name)) for name in FILTERED_POSITION_FIELDS
+        }
+        rotations = {
+            name: _between(getattr(before, name), getattr(now, name)) for name in FILTERED_ROTATION_FIELDS
+        }
         return replace(now, **places, **rotations)
 
 

@@ -21,7 +21,7 @@ The first is the current pose. The others are random poses around it.
 """
 CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
-PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
+CHECKED_PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
 """Cost of a collision, cost of tool tilt, and distance at which the collision cost begins."""
 MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.003, 0.03
@@ -90,7 +90,7 @@ class MotionPlanner:
         q_w = transforms.multiply(transforms.from_rotation_vector(turn), self.q_w)
         pull = POSTURE_STEP_SHARE * (self.preferred_posture - self.joint_positions)
         pull *= _limiting_share(pull / self._chain.joint_units, np.full(len(pull), POSTURE_STEP_SHARE))
-        return self.solve_joint_positions(self.pos_w + step, q_w, self.joint_positions + pull)
+        return self.solve_inverse_kinematics(self.pos_w + step, q_w, self.joint_positions + pull)
 
     def step_in_joint_space(
         self, target: FloatArray, speed_m_s: FloatArray | float, tilt_rad: float
@@ -104,7 +104,7 @@ class MotionPlanner:
         pos, _ = self.tool_pose(self.joint_positions + step)
         step *= _limiting_share(pos - self.pos_w, self._step_s * speed_m_s)
         pos_w, q_w = self.tool_pose(self.joint_positions + step)
-        return self.solve_joint_positions(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
+        return self.solve_inverse_kinematics(pos_w, _limit_tilt(q_w, tilt_rad), self.joint_positions + step)
 
     def action_to_joint_positions(self, joint_positions: FloatArray) -> FloatArray:
         """Returns actions (N, A) that move the arms to joint positions (N, J) within the speed limits.
@@ -157,7 +157,9 @@ class MotionPlanner:
     def _swing_cost_s(self, joint_positions: FloatArray, tilt_rad: float) -> FloatArray:
         """Returns the duration (N, M) of motions to joint positions (N, M, J), plus the cost of tool tilt."""
         way = joint_positions - self.joint_positions[:, None]
-        tilt = [self._tilt_rad(self.joint_positions[:, None] + share * way) for share in PATH_FRACTIONS]
+        tilt = [
+            self._tilt_rad(self.joint_positions[:, None] + share * way) for share in CHECKED_PATH_FRACTIONS
+        ]
         excess = np.maximum(0.0, np.max(tilt, axis=0) - tilt_rad)
         return self._step_s * np.abs(way / self._reach).max(axis=-1) + TILT_COST_S_RAD * excess
 
@@ -165,7 +167,7 @@ class MotionPlanner:
         """Returns the cost (N, M) of small distances on the path to joint positions (N, M, J)."""
         way = joint_positions - self.joint_positions[:, None]
         state, gap = self._episodes.state(), np.full(way.shape[:2], np.inf)
-        for share in PATH_FRACTIONS:
+        for share in CHECKED_PATH_FRACTIONS:
             there = self.joint_positions[:, None] + share * way
             gap = np.minimum(gap, self.clearance_m(there, state, tool=share < 1.0))
         return COLLISION_COST_S * np.maximum(0.0, 1.0 - gap / COLLISION_MARGIN_M)
@@ -189,7 +191,7 @@ class MotionPlanner:
         )
         return elementary.arccos(np.clip(z_w[..., 2], -1.0, 1.0))
 
-    def solve_joint_positions(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
+    def solve_inverse_kinematics(self, pos_w: FloatArray, q_w: FloatArray, near: FloatArray) -> FloatArray:
         """Returns joint positions (N, J) for a tool pose, by inverse kinematics that starts at ``near`` (N, J)."""
         pos, q = transforms.compose(*self._to_base, pos_w, q_w)
         return kinematics.inverse_kinematics(

@@ -12,15 +12,19 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.reward import MOUTH_RADIUS_M, SUCCESS_SHARE
 from avrgym.tasks.task import RunningEpisodes
 
-TIP_FIRST_POSES = [(0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)]
-TURNED_POSES = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
-SIDEWAYS_POSES = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
-YAWS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(TIP_FIRST_POSES + TURNED_POSES + SIDEWAYS_POSES).T
+TIP_FIRST_SPOON_POSES = [
+    (0.0, pitch, 0.0, rise) for pitch in (0.0, 15.0, -15.0) for rise in (0.0, 0.006, -0.006)
+]
+TURNED_SPOON_POSES = [(turn, 0.0, 0.0, 0.0) for turn in (20.0, -20.0, -40.0)]
+SIDEWAYS_SPOON_POSES = [(turn, 0.0, roll, 0.0) for turn in (-75.0, -90.0, -105.0) for roll in (0.0, -15.0)]
+YAWS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(
+    TIP_FIRST_SPOON_POSES + TURNED_SPOON_POSES + SIDEWAYS_SPOON_POSES
+).T
 """Candidate spoon poses: yaw, pitch, roll and height above the mouth.
 
 The yaw is relative to the direction into the face, the roll is towards the lips.
 """
-PIECE_COST_S = 3.0
+OUTSIDE_FOOD_COST_S = 3.0
 """Cost of each piece of food that may remain outside the mouth."""
 FAILURE_COST_S = 10.0
 """Cost of a pose with too few pieces of food in the mouth for success."""
@@ -33,7 +37,7 @@ CLEARANCE_M = 0.002
 """Initial clearance of the spoon from the face."""
 APPROACH_STEP_M = 0.0005
 """Distance that the spoon moves closer in a control step if too little food reaches the mouth."""
-MAX_GENTLE_FORCE_N = 4.0
+MAX_APPROACH_FORCE_N = 4.0
 """Maximum contact force on the person at which the spoon moves closer."""
 SPOON_RADIUS_M = 0.05
 UP = np.array([0.0, 0.0, 1.0])
@@ -79,7 +83,7 @@ class FeedingExpert:
         before, seconds = self._planner.find_joint_positions(
             pos_w - STANDOFF_M * direction_into_face(state)[:, None], q_w, MAX_TILT_RAD
         )
-        cost = seconds + PIECE_COST_S * in_doubt + FAILURE_COST_S * failed
+        cost = seconds + OUTSIDE_FOOD_COST_S * in_doubt + FAILURE_COST_S * failed
         best = cost.argmin(axis=-1)
         world = np.arange(len(best))
         self._q_w, self._rise_m = q_w[world, best], HEIGHTS_M[best]
@@ -89,7 +93,7 @@ class FeedingExpert:
     def _may_move_closer(self, state: State) -> BoolArray:
         """Returns a boolean mask (N,) of worlds with too much food on the spoon and a small contact force."""
         on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
-        return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < MAX_GENTLE_FORCE_N)
+        return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < MAX_APPROACH_FORCE_N)
 
 
 def initial_food_positions(tool: Tool) -> FloatArray:

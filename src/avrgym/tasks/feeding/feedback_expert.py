@@ -12,7 +12,7 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding import expert
 from avrgym.tasks.task import TaskState
 
-YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
+CANDIDATE_YAWS_RAD = np.radians([0.0, -30.0, -60.0, -90.0])
 """Candidate yaw angles: tip first, or rotated towards the left side, which needs a smaller reach."""
 ROTATION_ERROR_COST_M_RAD, YAW_COST_M_RAD = 0.1, 0.02
 """Costs in metres: per radian of rotation error, and per radian of yaw."""
@@ -51,11 +51,11 @@ def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> 
     goals_w: list[FloatArray] = []
     rotations_w: list[FloatArray] = []
     costs_m: list[FloatArray] = []
-    for turn in YAWS_RAD.tolist():
+    for turn in CANDIDATE_YAWS_RAD.tolist():
         q_w = transforms.from_axis_angle(expert.UP, yaw_rad + turn)
         goal_w = expert.spoon_pos_at_mouth_w(planner.scene.tool, state, q_w, 0.0, clearance_m)
         reached_w, reached_q_w = planner.tool_pose(
-            planner.solve_joint_positions(goal_w, q_w, planner.joint_positions)
+            planner.solve_inverse_kinematics(goal_w, q_w, planner.joint_positions)
         )
         missed_m = norm(reached_w - goal_w) + ROTATION_ERROR_COST_M_RAD * angle_between(reached_q_w, q_w)
         costs_m.append(missed_m + YAW_COST_M_RAD * abs(turn))

@@ -14,10 +14,10 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
-REST_SPEED_M_S = 0.04
+MAX_RESTING_MOUTH_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
 MAX_STANDOFF_M = 0.06
-"""Standoff from a mouth at twice ``REST_SPEED_M_S`` or more. It is smaller at lower speeds."""
+"""Standoff from a mouth at twice ``MAX_RESTING_MOUTH_SPEED_M_S`` or more. It is smaller at lower speeds."""
 
 
 class FeedingMemoryExpert:
@@ -40,4 +40,4 @@ class FeedingMemoryExpert:
 
 def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
     """Returns the standoff (N,) from mouths with speeds (N,)."""
-    return MAX_STANDOFF_M * np.clip(mouth_m_s / REST_SPEED_M_S - 1.0, 0.0, 1.0)
+    return MAX_STANDOFF_M * np.clip(mouth_m_s / MAX_RESTING_MOUTH_SPEED_M_S - 1.0, 0.0, 1.0)

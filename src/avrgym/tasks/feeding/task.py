@@ -20,14 +20,14 @@ from avrgym.tasks.feeding.expert import FeedingExpert, initial_food_positions
 from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.feeding.memory_expert import FeedingMemoryExpert
 from avrgym.tasks.feeding.reward import WEIGHTS, evaluate_step, init_state
-from avrgym.tasks.observation import mouth_task_observation
+from avrgym.tasks.observation import make_mouth_task_observation
 from avrgym.tasks.person import TURNED_HEAD_POSE
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
 MAX_BOWL_OFFSET_M = 0.05
 MAX_HAND_OFFSET_M = 0.05
-HAND_FROM_BOWL_M = np.array([0.0, -0.1, 0.4])
+BOWL_TO_HAND_OFFSET_M = np.array([0.0, -0.1, 0.4])
 SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
 """Yaw of the spoon relative to the face: with its tip first, or with its left side first."""
 SPOON_START_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
@@ -50,7 +50,9 @@ def start(
         2.0 * uniforms[:, 0:3] - 1.0
     )
     hand = (
-        bowl + constant_like(HAND_FROM_BOWL_M, uniforms) + MAX_HAND_OFFSET_M * (2.0 * uniforms[:, 3:6] - 1.0)
+        bowl
+        + constant_like(BOWL_TO_HAND_OFFSET_M, uniforms)
+        + MAX_HAND_OFFSET_M * (2.0 * uniforms[:, 3:6] - 1.0)
     )
     tool, level = placement.tool_pose_in_hand(scene, hand, SPOON_START_Q_W)
     placed = {BOWL_BODY: bowl}
@@ -81,7 +83,7 @@ def make_feeding_task(settings: Settings = DEFAULT_SETTINGS) -> Task:
         num_uniforms=6 + placement.NUM_UNIFORMS,
         start=partial(start, offset_m=offset_m),
         init_state=partial(init_state, particles=len(initial_food_positions(tool))),
-        observation=mouth_task_observation,
+        observation=make_mouth_task_observation,
         weights=WEIGHTS,
         evaluate_step=partial(evaluate_step, table_offset_m=offset_m),
         expert=FeedingExpert,

@@ -14,7 +14,7 @@ from avrgym.tasks.scratch_itch.expert import ROD_DIRECTION, skin_directions_w
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_limb_frame
 
 MIN_LENGTH_M = 1e-4
-TIP_TO_HAND_M = 0.06
+TIP_TO_HAND_DISTANCE_M = 0.06
 """Distance of the hand from the tip."""
 
 
@@ -47,4 +47,4 @@ def tool_and_hand_detour_m(state: State, task_state: ScratchItchState) -> FloatA
     _, limb_q_w = itch_limb_frame(state, task_state)
     out_w, _ = skin_directions_w(task_state, limb_q_w)
     turn_rad = feedback_expert.hand_rotation_rad(transforms.rotate(state.tool_q_w, ROD_DIRECTION), out_w)
-    return limb_detour_m(state, task_state) + TIP_TO_HAND_M * norm(turn_rad)
+    return limb_detour_m(state, task_state) + TIP_TO_HAND_DISTANCE_M * norm(turn_rad)

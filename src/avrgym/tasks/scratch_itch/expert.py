@@ -16,7 +16,7 @@ from avrgym.tasks.scratch_itch.reward import ITCH_RADIUS_M, ScratchItchState, it
 from avrgym.tasks.task import RunningEpisodes
 
 TILTS_RAD = np.radians([25.0, 50.0, 70.0])
-TILT_DIRECTIONS = 8
+NUM_TILT_DIRECTIONS = 8
 """Number of directions in which a tilt is tried.
 
 Candidate directions of the rod are normal to the skin, or tilted by each of ``TILTS_RAD`` in each direction.
@@ -29,11 +29,11 @@ STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.05
 CONTACT_FORCE_N = 0.3
 NO_CONTACT_DEPTH_STEP_M = 0.004
 """Increase of the depth in each control step without contact."""
-SEEK_DEPTH_M = 0.03
+CONTACT_SEARCH_DEPTH_M = 0.03
 """Target depth below the skin before contact."""
 MIN_DETOUR_COST_S = 20.0
 """Cost of a plan above which the tool first makes a detour: to a point in front of the wrist and above it."""
-DETOUR_STEPS = 50
+NUM_DETOUR_STEPS = 50
 """Number of control steps of the detour. Then the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
@@ -41,7 +41,7 @@ ROD_DIRECTION = (1.0, 0.0, 0.0)
 """Direction of the rod in the tool's frame."""
 LOOP_HALF_AXES_M = np.array([0.014, 0.009])
 """Half axes of the tip's elliptic path around the itch: along and across the limb."""
-LOOKAHEAD_RAD = np.radians(75.0)
+LOOKAHEAD_ANGLE_RAD = np.radians(75.0)
 """Look-ahead angle on this path."""
 
 
@@ -71,12 +71,12 @@ class ScratchItchExpert:
         self._q_limb, self._before = np.zeros((count, 4)), np.zeros_like(self._planner.joint_positions)
         self._steps = 0
         hard = self._plan(np.ones(count, dtype=bool)) > MIN_DETOUR_COST_S
-        self._detour_positions, cost_s = find_detour(self._planner, episodes.state())
+        self._detour_positions, cost_s = plan_detour(self._planner, episodes.state())
         self._detour = hard & (cost_s < MIN_DETOUR_COST_S)
 
     def __call__(self, observation: FloatArray) -> FloatArray:
         planner = self._planner
-        if self._steps == DETOUR_STEPS and self._detour.any():
+        if self._steps == NUM_DETOUR_STEPS and self._detour.any():
             self._plan(self._detour)
             self._detour = np.zeros_like(self._detour)
         self._steps += 1
@@ -98,7 +98,7 @@ class ScratchItchExpert:
         rod_w = transforms.rotate(q_w, ROD_DIRECTION)
         near = norm(state.tool_pos_w - itch_pos_w(state, task_state)) < ITCH_RADIUS_M
         self._touched = near & (self._touched | (self._arrived & (state.tool_force_n > CONTACT_FORCE_N)))
-        inside_w = tip_pos_w(itch_pos_w(state, task_state) - SEEK_DEPTH_M * out, out, rod_w)
+        inside_w = tip_pos_w(itch_pos_w(state, task_state) - CONTACT_SEARCH_DEPTH_M * out, out, rod_w)
         rubbed_w = rubbing_target(state, task_state, self._planner.pos_w, rod_w, FORCE_CONTROL)
         return np.where(self._touched[:, None], rubbed_w, inside_w), q_w
 
@@ -121,7 +121,7 @@ class ScratchItchExpert:
         world, best = np.arange(len(out)), (cost_s + TILT_COST_S_PER_RAD * tilt).argmin(axis=-1)
         tip_w, q_w, into = tip_w[world, best], q_w[world, best], into[world, best]
         angles = angles[world, best]
-        before = self._planner.solve_joint_positions(tip_w - STANDOFF_M * into, q_w, angles)
+        before = self._planner.solve_inverse_kinematics(tip_w - STANDOFF_M * into, q_w, angles)
         q_limb = transforms.multiply(transforms.conjugate(limb_q_w), q_w)
         new = worlds[:, None]
         self._q_limb = np.where(new, q_limb, self._q_limb)
@@ -130,7 +130,7 @@ class ScratchItchExpert:
         return cost_s[world, best]
 
 
-def find_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
+def plan_detour(planner: MotionPlanner, state: State) -> tuple[FloatArray, FloatArray]:
     """Returns joint positions (N, J) of the detour and their cost (N,).
 
     The tool is in front of the wrist and above it. The rod points down.
@@ -163,7 +163,7 @@ def rubbing_target(
     axes = np.stack([along, transforms.cross(out, along)], axis=1)
     middle_w = tip_pos_w(itch_pos_w(state, task_state), out, rod_w)
     offset = ((state.tool_pos_w - middle_w)[:, None] * axes).sum(axis=-1) / LOOP_HALF_AXES_M
-    angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + LOOKAHEAD_RAD
+    angle = elementary.arctan2(offset[:, 1], offset[:, 0]) + LOOKAHEAD_ANGLE_RAD
     ahead = LOOP_HALF_AXES_M * np.stack([elementary.cos(angle), elementary.sin(angle)], axis=-1)
     next_w = middle_w + (ahead[..., None] * axes).sum(axis=1)
     deeper = np.clip(
@@ -185,10 +185,12 @@ def skin_directions_w(task_state: ScratchItchState, limb_q_w: FloatArray) -> tup
 def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns candidate rod directions, unit vectors (N, K, 3), and their tilts (K,) in radians."""
     across = transforms.cross(out, along)
-    sides = np.linspace(0.0, 2.0 * np.pi, TILT_DIRECTIONS, endpoint=False)
+    sides = np.linspace(0.0, 2.0 * np.pi, NUM_TILT_DIRECTIONS, endpoint=False)
     aslant = [elementary.cos(side) * along + elementary.sin(side) * across for side in sides]
     tilted = [elementary.sin(tilt) * way - elementary.cos(tilt) * out for tilt in TILTS_RAD for way in aslant]
-    return np.stack([-out, *tilted], axis=1), np.concatenate([[0.0], np.repeat(TILTS_RAD, TILT_DIRECTIONS)])
+    return np.stack([-out, *tilted], axis=1), np.concatenate(
+        [[0.0], np.repeat(TILTS_RAD, NUM_TILT_DIRECTIONS)]
+    )
 
 
 def tip_pos_w(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:

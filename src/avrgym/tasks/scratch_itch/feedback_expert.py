@@ -8,7 +8,7 @@ from avrgym.geometry.arrays import constant_like, namespace
 from avrgym.geometry.transforms import norm
 from avrgym.simulation.worlds import State
 from avrgym.tasks.bed_bathing.expert import FOREARM
-from avrgym.tasks.experts.feedback import ToolTarget, speed_m_s, standoff_m
+from avrgym.tasks.experts.feedback import ToolTarget, speed_m_s, standoff_for_offset_m
 from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.scratch_itch import expert
 from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_limb_frame, itch_pos_w
@@ -24,11 +24,11 @@ CLEARANCE_FORWARD, CLEARANCE_UP = -0.2, 0.2
 
 The component to the person's right is 1.
 """
-NORMAL_WEIGHT = 0.5
+SKIN_NORMAL_WEIGHT = 0.5
 """Weight of the skin normal in the hand's direction, see ``hand_direction_w``."""
 SIDE_CHANGE_NORMAL_Z = -0.35
 """Vertical component of the skin normal at which the hand changes from above to below the arm."""
-SIDE_CHANGE_WIDTH = 0.17
+SIDE_CHANGE_TRANSITION_WIDTH = 0.17
 """Width of this transition, in units of the vertical component."""
 FRONT_DIRECTION_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 """Direction with clearance for a hand in front of the person; world frame."""
@@ -36,20 +36,20 @@ FRONT_MAX_HAND_ANGLE_RAD = 1.0
 """``MAX_HAND_ANGLE_RAD`` for a hand in front of the person."""
 FRONT_MAX_ROD_ANGLE_RAD = 0.2
 """``MAX_ROD_ANGLE_RAD`` for a hand in front of the person."""
-INWARD_RANGE = (0.6, 0.85)
+INWARD_NORMAL_RANGE = (0.6, 0.85)
 """Range of the skin normal's x component over which the hand changes to the front. The skin faces left."""
-NOT_DOWNWARD_RANGE = (-0.5, -0.3)
+NOT_DOWNWARD_NORMAL_RANGE = (-0.5, -0.3)
 """Range of the skin normal's z component over which the hand changes to the front. The skin does not face down."""
 REMAINING_ROTATION_RANGE_RAD = (0.2, 0.6)
 """Range of the remaining rotation of a hand in front of the person.
 
 Below the range the hand approaches the itch. Above the range it waits in front of the wrist.
 """
-ZERO_TO_ONE = (0.0, 1.0)
+BLEND_WEIGHT_RANGE = (0.0, 1.0)
 """Range of a blending weight."""
 MAX_LATERAL_OFFSET_M = 0.02
 """Maximum lateral offset from the itch at which the tip moves to the skin."""
-MAX_LOOKAHEAD_RAD = 0.8
+MAX_LOOKAHEAD_ANGLE_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
 """Speed of the tip on the skin."""
@@ -91,10 +91,10 @@ def blended_target(
     tool = transforms.rotate(transforms.conjugate(limb_q_w), state.tool_pos_w - limb_pos_w)
     skin_w = limb_pos_w + transforms.rotate(limb_q_w, tip_target_around_limb(tool, task_state))
     goal_w = expert.tip_pos_w(skin_w, out_w, rod_w)
-    waits = (in_front * np.interp(norm(turn_w), REMAINING_ROTATION_RANGE_RAD, ZERO_TO_ONE))[:, None]
+    waits = (in_front * np.interp(norm(turn_w), REMAINING_ROTATION_RANGE_RAD, BLEND_WEIGHT_RANGE))[:, None]
     goal_w = goal_w + waits * (state.right_arm_pos_w[:, 2] + expert.DETOUR_OFFSET_M - goal_w)
     itch_w = expert.tip_pos_w(itch_pos_w(state, task_state), out_w, rod_w)
-    rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.SEEK_DEPTH_M)
+    rubs = (state.tool_force_n > 0.0) & (norm(itch_w - state.tool_pos_w) < expert.CONTACT_SEARCH_DEPTH_M)
     rubbed_w = expert.rubbing_target(state, task_state, planner.pos_w, rod_w, FORCE_CONTROL)
     pos_w = np.where(rubs[:, None], rubbed_w, goal_w)
     speed = np.where(rubs, RUB_SPEED_M_S, speed_m_s(goal_w - state.tool_pos_w, expert.APPROACH_SPEED_M_S))
@@ -106,13 +106,17 @@ def blended_target(
 
 
 def front_approach_share(
-    out_w: FloatArray, inwards: BlendRange = INWARD_RANGE, not_down: BlendRange = NOT_DOWNWARD_RANGE
+    out_w: FloatArray,
+    inwards: BlendRange = INWARD_NORMAL_RANGE,
+    not_down: BlendRange = NOT_DOWNWARD_NORMAL_RANGE,
 ) -> FloatArray:
     """Returns the weight (N,) of the approach from the front, 0 to 1, for skin normals (N, 3) in the world frame.
 
     The weight is 0 or 1 for most normals.
     """
-    return np.interp(out_w[:, 0], inwards, ZERO_TO_ONE) * np.interp(out_w[:, 2], not_down, ZERO_TO_ONE)
+    return np.interp(out_w[:, 0], inwards, BLEND_WEIGHT_RANGE) * np.interp(
+        out_w[:, 2], not_down, BLEND_WEIGHT_RANGE
+    )
 
 
 def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray | float = 0.0) -> FloatArray:
@@ -136,9 +140,9 @@ def hand_direction_w(out_w: FloatArray, in_front: FloatArray | float = 0.0) -> F
     direction to the front, over the lap.
     """
     xp = namespace(out_w)
-    above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_NORMAL_Z) / SIDE_CHANGE_WIDTH)
-    right, forwards = xp.ones_like(above), CLEARANCE_FORWARD + NORMAL_WEIGHT * (above - out_w[:, 1])
-    room_w = xp.stack([-right, -forwards, CLEARANCE_UP + NORMAL_WEIGHT * above], axis=-1)
+    above = elementary.tanh((out_w[:, 2] - SIDE_CHANGE_NORMAL_Z) / SIDE_CHANGE_TRANSITION_WIDTH)
+    right, forwards = xp.ones_like(above), CLEARANCE_FORWARD + SKIN_NORMAL_WEIGHT * (above - out_w[:, 1])
+    room_w = xp.stack([-right, -forwards, CLEARANCE_UP + SKIN_NORMAL_WEIGHT * above], axis=-1)
     share = (in_front + xp.zeros_like(above))[:, None]
     room_w = (1.0 - share) * transforms.normalize(room_w) + share * constant_like(FRONT_DIRECTION_W, out_w)
     axis, angle = _turn(out_w, room_w)
@@ -156,9 +160,9 @@ def tip_target_around_limb(tool: FloatArray, task_state: ScratchItchState) -> Fl
     shorter = (there - now + np.pi) % (2.0 * np.pi) - np.pi
     way = np.where(task_state.limb == FOREARM, shorter, there - now)
     beside = np.hypot(radius * way, task_state.itch[:, 2] - tool[:, 2])
-    above = standoff_m(beside, MAX_LATERAL_OFFSET_M, expert.STANDOFF_M)
-    height = radius + np.where(above > 0.0, above, -expert.SEEK_DEPTH_M)
-    angle = now + np.clip(way, -MAX_LOOKAHEAD_RAD, MAX_LOOKAHEAD_RAD)
+    above = standoff_for_offset_m(beside, MAX_LATERAL_OFFSET_M, expert.STANDOFF_M)
+    height = radius + np.where(above > 0.0, above, -expert.CONTACT_SEARCH_DEPTH_M)
+    angle = now + np.clip(way, -MAX_LOOKAHEAD_ANGLE_RAD, MAX_LOOKAHEAD_ANGLE_RAD)
     return np.stack(
         [-height * elementary.cos(angle), height * elementary.sin(angle), task_state.itch[:, 2]], axis=-1
     )

@@ -34,7 +34,7 @@ class SwingMotion(NamedTuple):
     not_downward_range: BlendRange
 
 
-SWINGS = {
+SWING_BY_ROBOT = {
     "Jaco": SwingMotion(
         (-2.27, -0.57, 0.89, -0.2, -0.1, -0.62, 0.0), inward_range=(0.5, 0.8), not_downward_range=(-0.8, -0.6)
     ),
@@ -43,19 +43,21 @@ SWINGS = {
     ),
 }
 """Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
-SWING_THRESHOLD = 0.5
+FRONT_SHARE_THRESHOLD = 0.5
 """The arm first swings if ``front_approach_share`` exceeds this value."""
 SWING_COMPLETE_SHARE = 0.85
 """Share of the swing after which the swing is complete."""
 
 
 def make_memory_expert(episodes: RunningEpisodes) -> Controller:
-    """Returns the expert with a swing to the front for robots in ``SWINGS``, otherwise the feedback expert."""
-    swing = SWINGS.get(episodes.scene.robot.name)
-    return FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFront(episodes, swing)
+    """Returns the expert with a swing to the front for robots in ``SWING_BY_ROBOT``, otherwise the feedback expert."""
+    swing = SWING_BY_ROBOT.get(episodes.scene.robot.name)
+    return (
+        FeedbackExpert(episodes, scratching_target) if swing is None else SwingToFrontExpert(episodes, swing)
+    )
 
 
-class SwingToFront:
+class SwingToFrontExpert:
     """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: SwingMotion) -> None:
@@ -68,13 +70,13 @@ class SwingToFront:
     def __call__(self, observation: FloatArray) -> FloatArray:
         """Returns the actions (N, A) of the next control step."""
         planner, state, task_state = self._planner, self._episodes.state(), self._episodes.task_state
-        planner.reset_posture()
+        planner.reset_preferred_posture()
         self._swung |= self._swing_progress() > SWING_COMPLETE_SHARE
         out_w, _ = skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
         in_front = front_approach_share(out_w, self._swing.inward_range, self._swing.not_downward_range)
         pos_w, q_w, speed = blended_target(state, task_state, planner, in_front * self._swung)
         joint_positions = planner.step_on_line(pos_w, q_w, speed, TURN_SPEED_RAD_S)
-        swings = (in_front > SWING_THRESHOLD) & ~self._swung
+        swings = (in_front > FRONT_SHARE_THRESHOLD) & ~self._swung
         if swings.any():
             swing = planner.step_in_joint_space(self._first + self._way, SWING_SPEED_M_S, np.pi)
             joint_positions = np.where(swings[:, None], swing, joint_positions)

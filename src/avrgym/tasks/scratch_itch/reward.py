@@ -17,7 +17,7 @@ from avrgym.tasks.task import StepResult
 
 ITCH_RADIUS_M = 0.025
 MIN_STROKE_M = 0.01
-SUCCESS_SCRATCHES = 25
+NUM_SUCCESS_SCRATCHES = 25
 ITCH_POSITION_RANGE = (0.2, 0.85)
 """Range of the itch along a limb, as shares of the limb's length.
 
@@ -101,7 +101,7 @@ def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState
         "force_elsewhere_n": xp.maximum(state.total_force_n - force_n, 0.0),
         "strong_force_at_itch_n": force_above_limit(force_n),
     }
-    success = after.scratches >= SUCCESS_SCRATCHES
+    success = after.scratches >= NUM_SUCCESS_SCRATCHES
     nothing = xp.zeros((len(distance), 0), dtype=xp.bool, device=distance.device)
     return StepResult(
         after, terms, distance, state.total_force_n, success, xp.astype(scratch, xp.int64), nothing

@@ -16,7 +16,7 @@ import numpy as np
 
 from avrgym.array_types import BoolArray, FloatArray
 
-SLEEP_S = 0.001
+MONITOR_SLEEP_S = 0.001
 """Requested duration of each sleep of the monitoring process."""
 STEAL_THRESHOLD_S = 0.001
 """Maximum delay of a sleep that the operating system causes. Longer delays count as CPU steal."""
@@ -79,10 +79,10 @@ def monitor_processor(processor: int, end: Connection) -> None:
     end.send(allowed)
     before_s = time.monotonic()
     while not end.poll(None if not allowed else 0.0):
-        time.sleep(SLEEP_S)
+        time.sleep(MONITOR_SLEEP_S)
         now_s = time.monotonic()
-        if now_s - before_s > SLEEP_S + STEAL_THRESHOLD_S:
-            spans.append((before_s + SLEEP_S, now_s))
+        if now_s - before_s > MONITOR_SLEEP_S + STEAL_THRESHOLD_S:
+            spans.append((before_s + MONITOR_SLEEP_S, now_s))
         before_s = now_s
     end.send(spans)
 

@@ -36,13 +36,13 @@ from avrgym.vr.session.session import Session
 
 TRACKING_HZ = 90.0
 """Rate of the client's tracking frames."""
-HIDDEN_UNITS = 64
+POLICY_HIDDEN_UNITS = 64
 """Number of units in each of the two hidden layers of the untrained network."""
-POLICY_NAME = "measured"
+MEASURED_POLICY_NAME = "measured"
 """Name of the measured policy in the session's plan."""
 CLIENT_TIMEOUT_S = 120.0
 """Maximum duration of the session in addition to the trial."""
-STEAL_COLUMN = 8
+STEAL_TIME_COLUMN = 8
 """Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
 """The computed percentiles, by name."""
@@ -98,7 +98,7 @@ def measure_live_latency(environment_id: str, seconds: float, policy: str | None
         RuntimeError: if the trial does not start or does not end.
     """
     found = _untrained(environment_id) if policy is None else resolve_policy(policy, environment_id)
-    plan, policies = _plan(environment_id, seconds), {(environment_id, POLICY_NAME): found}
+    plan, policies = _plan(environment_id, seconds), {(environment_id, MEASURED_POLICY_NAME): found}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as workers:
         times = _Times()
 
@@ -120,11 +120,11 @@ def _stolen_s() -> float:
     statistics = Path("/proc/stat")
     if not statistics.exists():
         return 0.0
-    return int(statistics.read_text().split(maxsplit=9)[STEAL_COLUMN]) / os.sysconf("SC_CLK_TCK")
+    return int(statistics.read_text().split(maxsplit=9)[STEAL_TIME_COLUMN]) / os.sysconf("SC_CLK_TCK")
 
 
 def _plan(environment_id: str, seconds: float) -> SessionPlan:
-    trial = TrialPlan(environment_id, POLICY_NAME, seed=0, practice=True)
+    trial = TrialPlan(environment_id, MEASURED_POLICY_NAME, seed=0, practice=True)
     steps = round(seconds * 10) + 1
     return SessionPlan([trial], "woman", 0.5, simulated=True, trial_steps=steps, countdown_s=0.5)
 
@@ -132,7 +132,10 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 def _untrained(environment_id: str) -> Policy:
     """Returns a network with random weights. Its size and computing time are those of trained networks."""
     size, actions = observation_and_action_size(environment_id)
-    random, layers = random_streams.untrained_weight_generator(), (size, HIDDEN_UNITS, HIDDEN_UNITS, actions)
+    random, layers = (
+        random_streams.untrained_weight_generator(),
+        (size, POLICY_HIDDEN_UNITS, POLICY_HIDDEN_UNITS, actions),
+    )
     return Policy(
         weights=tuple(random.normal(0.0, 0.1, pair) for pair in pairwise(layers)),
         biases=tuple(np.zeros(count) for count in layers[1:]),

@@ -14,7 +14,7 @@ from avrgym.recording.world import render_recorded_images
 from avrgym.system.files import write_folder_atomically
 from avrgym.tasks.registry import task_and_scene
 from avrgym.tasks.settings import Settings
-from avrgym.vr.demonstration.storage import TABLE, read_table
+from avrgym.vr.demonstration.storage import TABLE_FILE, read_table
 
 
 def write_demonstrations(
@@ -37,10 +37,12 @@ def write_demonstrations(
     """
     if out.exists():
         raise FileExistsError(f"{out} already exists; choose another name")
-    if not (source / TABLE).is_file():
-        raise ValueError(f"{source} contains no {TABLE}; allowed: a folder of `avrgym demonstrate`")
+    if not (source / TABLE_FILE).is_file():
+        raise ValueError(f"{source} contains no {TABLE_FILE}; allowed: a folder of `avrgym demonstrate`")
     rows = [
-        row for row in read_table(source / TABLE) if (row["result"], row["success"]) == ("completed", "True")
+        row
+        for row in read_table(source / TABLE_FILE)
+        if (row["result"], row["success"]) == ("completed", "True")
     ]
     if not rows:
         raise ValueError(

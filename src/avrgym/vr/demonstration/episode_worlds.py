@@ -16,7 +16,7 @@ from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, samp
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.trial_worlds import resting_person
 
-MAX_SAMPLES = 100
+MAX_PERSON_SAMPLES = 100
 """Maximum number of sampled people. People next to whom the robot has too little space are rejected."""
 
 
@@ -41,7 +41,7 @@ class DemonstrationPlan:
     def __post_init__(self) -> None:
         """Find environment and populations. Raises ``ValueError`` for an unknown name, with the allowed ones."""
         find_environment(self.environment)
-        impairments.find_impairment(self.impairment)
+        impairments.parse_impairment(self.impairment)
         found = [population for name in self.people for population in find_populations(name, TASKS)]
         object.__setattr__(self, "populations", tuple(found))
 
@@ -62,7 +62,7 @@ class EpisodeWorld:
     world: LiveWorld
 
 
-class EpisodeWorlds:
+class EpisodeWorldPreparation:
     """Builds the world of the next episode while the current one runs."""
 
     def __init__(self, plan: DemonstrationPlan, workers: Executor, first_sample: int = 0) -> None:
@@ -96,21 +96,21 @@ def build_world(plan: DemonstrationPlan, first_sample: int) -> EpisodeWorld:
     ``first_sample``.
 
     Raises:
-        NoClearanceError: if ``MAX_SAMPLES`` people leave no space. It is a ``ValueError``.
+        NoClearanceError: if ``MAX_PERSON_SAMPLES`` people leave no space. It is a ``ValueError``.
     """
-    for sample in range(first_sample, first_sample + MAX_SAMPLES - 1):
+    for sample in range(first_sample, first_sample + MAX_PERSON_SAMPLES - 1):
         try:
             return _build(plan, sample)
         except NoClearanceError:
             continue
-    return _build(plan, first_sample + MAX_SAMPLES - 1)
+    return _build(plan, first_sample + MAX_PERSON_SAMPLES - 1)
 
 
 def _build(plan: DemonstrationPlan, sample: int) -> EpisodeWorld:
     random = random_streams.demonstration_session_generator(plan.seed, sample)
     seed, sex = int(random.integers(2**31)), SEXES[int(random.integers(len(SEXES)))]
     population = plan.populations[sample % len(plan.populations)]
-    impairment = population.effective_impairment(impairments.find_impairment(plan.impairment))
+    impairment = population.effective_impairment(impairments.parse_impairment(plan.impairment))
     traits = sample_participant_traits(
         sex, seed, population.distribution, impairment, population.trained_policy
     )

@@ -17,7 +17,7 @@ from avrgym.recording.schema import AttemptEnd
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.tasks.registry import find_environment, task_goal
 from avrgym.tasks.settings import Settings
-from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorlds
+from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorldPreparation
 from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow, Result
 from avrgym.vr.emulation.in_process_client import TRACKING_INTERVAL_TICKS
 from avrgym.vr.live_world.drivers import OperatorDriver
@@ -27,12 +27,12 @@ from avrgym.vr.protocol.messages import ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
 from avrgym.vr.session.attempt import Attempt, attempt_configuration
 from avrgym.vr.session.plan import SessionPlan, TrialPlan
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, viewing_status
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, StateReporter, make_viewing_status
 from avrgym.vr.tracking.tracking_state import TrackingState
 
-MARK_EVENT = "demonstration"
+DEMONSTRATION_RESULT_EVENT = "demonstration"
 """Name of the recorded event with the operator's assessment: ``success``, ``no success`` or ``discarded``."""
-WATCH_INTERVAL_TICKS = 10
+PERSON_UPDATE_INTERVAL_TICKS = 10
 """Interval at which the simulated person receives the pose of the robot's tool."""
 
 
@@ -66,7 +66,7 @@ class DemonstrationSession:
         """
         self.plan, self._folder, self._send = plan, folder, send
         self.scenes: list[tuple[str, Person, Settings]] = []
-        self._worlds = EpisodeWorlds(plan, workers, folder.num_samples)
+        self._worlds = EpisodeWorldPreparation(plan, workers, folder.num_samples)
         self._driven_by = driven_by
         self._driver = OperatorDriver()
         self._reporter = StateReporter(send)
@@ -200,7 +200,7 @@ class DemonstrationSession:
             frame = self._current.participant.tracking_frame(self._now_s, moving=moving)
             self._tracking.add_frame(frame, self._now_s)
             if self._tracking.registration is None and frame.head is not None:
-                self._tracking.place_seat(frame.head, world.person, world.scene_config.posture)
+                self._tracking.determine_registration(frame.head, world.person, world.scene_config.posture)
         followed = self._tracking.update(world.task.tracked, self._now_s)
         if followed.target_pose is not None:
             world.follow_pose(followed.target_pose)
@@ -211,7 +211,7 @@ class DemonstrationSession:
         if attempt is not None:
             attempt.record_physics(world, self._now_s)
         self._reporter.tick(world, self._tracking, step)
-        if moving and self._ticks % WATCH_INTERVAL_TICKS == 0:
+        if moving and self._ticks % PERSON_UPDATE_INTERVAL_TICKS == 0:
             self._current.participant.receive(self._reporter.state(world, self._tracking))
         return step
 
@@ -266,7 +266,7 @@ class DemonstrationSession:
             return
         marked = result == "completed" and self._mark == "success"
         mark = ("success" if marked else "no success") if result == "completed" else result
-        attempt.record("/events", schema.Event(MARK_EVENT, mark), self._now_s)
+        attempt.record("/events", schema.Event(DEMONSTRATION_RESULT_EVENT, mark), self._now_s)
         if result != "completed":
             attempt.record("/events", schema.Event("robot_holds", result), self._now_s)
         end: AttemptEnd = "repeated" if result == "discarded" else result
@@ -344,7 +344,7 @@ class DemonstrationSession:
 
     def _status(self) -> messages.Status:
         attempt, world = self.attempt, self.world
-        return viewing_status(
+        return make_viewing_status(
             world.simulation,
             attempt.latest_step if attempt else None,
             environment=self.plan.environment,

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Literal
 
-TABLE = "demonstrations.csv"
+TABLE_FILE = "demonstrations.csv"
 RECORDINGS = "recordings"
 
 Result = Literal["completed", "discarded", "interrupted"]
@@ -59,7 +59,7 @@ class DemonstrationFolder:
         Raises:
             ValueError: if the folder contains something else, or demonstrations of another environment.
         """
-        self.folder, self._table = folder, folder / TABLE
+        self.folder, self._table = folder, folder / TABLE_FILE
         if folder.exists() and not self._table.is_file() and any(folder.iterdir()):
             raise ValueError(f"{folder} contains other files; give --out an empty or new folder")
         self.rows = read_table(self._table) if self._table.is_file() else []

@@ -9,7 +9,7 @@ from avrgym.commands.vocabulary import CommandName, CommandSource, commands_of_s
 from avrgym.system import random_streams
 from avrgym.vr.protocol import messages
 
-PASSIVE_SOURCES: tuple[CommandSource, ...] = ("gaze",)
+PASSIVE_COMMAND_SOURCES: tuple[CommandSource, ...] = ("gaze",)
 """Input sources that need no deliberate action. They detect a command in the participant's usual motion."""
 GESTURE_HZ, GESTURE_CYCLES, GESTURE_SWING_DEG = 1.8, 2, 12.0
 """A nod or shake of a simulated participant: frequency, number of cycles, and range of motion (assumptions)."""
@@ -43,7 +43,7 @@ def sample_command_traits(seed: int) -> CommandTraits:
     )
 
 
-class SimulatedCommands:
+class SimulatedCommandGenerator:
     """Generates the commands of a simulated participant in trials.
 
     The participant commands ``ready`` when the robot waits. Once per wait, the participant commands ``slower`` or
@@ -99,7 +99,7 @@ class SimulatedCommands:
         """Returns the command with the first allowed input source that supports it, or ``None``."""
         assert self._offered is not None
         for source in self._offered.sources:
-            if source not in PASSIVE_SOURCES and command in commands_of_source(source):
+            if source not in PASSIVE_COMMAND_SOURCES and command in commands_of_source(source):
                 return command, source
         return None
 

@@ -17,7 +17,7 @@ from avrgym.vr.protocol.webxr import Pose, Registration
 REACH_M = 0.35
 """Maximum distance of the hand from its comfortable position. Beyond it, the demonstrator opens the clutch and moves
 the hand back."""
-RETURN_S = 0.5
+HAND_RETURN_DURATION_S = 0.5
 """Duration of this motion back, with an open clutch."""
 
 
@@ -60,7 +60,7 @@ class SimulatedDemonstrator:
             left_s = max(self._closes_at_s - now_s, TICK_S)
             self._pos_w = self._pos_w + TICK_S / left_s * (self._rest_w - self._pos_w)
         if clutch and np.linalg.norm(self._pos_w - self._rest_w) > REACH_M:
-            self._closes_at_s = now_s + RETURN_S
+            self._closes_at_s = now_s + HAND_RETURN_DURATION_S
         return Steer(clutch, self._room.from_world(Pose(self._pos_w, self._q_w)), self._view, 1.0)
 
     def _expert_speed(self, world: LiveWorld) -> FloatArray:

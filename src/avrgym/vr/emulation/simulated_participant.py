@@ -29,12 +29,12 @@ from avrgym.people.motor import MotorState
 from avrgym.people.population_names import ImpairmentName
 from avrgym.people.zoo import partner_behaviour, partners
 from avrgym.system import random_streams
-from avrgym.tasks.human_view import HumanObserver, PersonInputs
+from avrgym.tasks.human_view import HumanObservationInputs, HumanObserver
 from avrgym.tasks.registry import task_and_scene
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.vr.emulation.simulated_commands import (
     CommandTraits,
-    SimulatedCommands,
+    SimulatedCommandGenerator,
     gesture_angles_rad,
     sample_command_traits,
 )
@@ -196,7 +196,7 @@ class SimulatedParticipant:
         self._phase = random.uniform(0.0, 2.0 * np.pi, 3)[None, :2]
         self._chance = random_streams.participant_behaviour_generator(seed).random((1, 4))
         self._action_generator = random_streams.participant_noise_generator(seed)
-        self.commands = SimulatedCommands(traits.command_traits, seed)
+        self.commands = SimulatedCommandGenerator(traits.command_traits, seed)
         self._gesture: tuple[CommandSource, float] = "nod", -np.inf
         self._sequence = -1
         self._measured: dict[str, XRPose] = {}
@@ -311,7 +311,7 @@ class SimulatedParticipant:
             bodies[SCENE_TOOL_BODY],
         )
         marked = [tool[None, :3] - marks_w[0] for _ in self._view.goal_entries] if len(marks_w) else None
-        seen = PersonInputs(
+        seen = HumanObservationInputs(
             hips_pos_w=hips[None, :3],
             hips_q_w=hips[None, 3:],
             tool_pos_w=tool[None, :3],

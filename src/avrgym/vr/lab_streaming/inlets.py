@@ -11,7 +11,7 @@ from pylsl.util import LostError
 from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
-SEARCH_DURATION_S = 1.0
+STREAM_SEARCH_DURATION_S = 1.0
 """Duration of one search for a stream."""
 REQUEST_TIMEOUT_S = 5.0
 """Timeout of requests to a stream."""
@@ -19,7 +19,7 @@ MAX_CHUNK_DURATION_S = 0.05
 """Maximum duration of a chunk of samples. Short chunks do not delay ticks."""
 MAX_CHUNK_SAMPLES = 4096
 """Maximum number of samples in a chunk."""
-MAX_WAITING_CHUNKS = 600
+MAX_QUEUED_CHUNKS = 600
 """Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
 BUFFER_DURATION_S = 60
 """Duration of the samples in the receive buffer."""
@@ -38,7 +38,7 @@ class Inlet:
         self.name = name
         self.available = False
         self._query = query
-        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_WAITING_CHUNKS)
+        self._chunks: deque[tuple[Stream, StreamSamples]] = deque(maxlen=MAX_QUEUED_CHUNKS)
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"stream {name}", daemon=True)
         self._thread.start()
@@ -58,7 +58,7 @@ class Inlet:
     def _run(self) -> None:
         while not self._stopping.is_set():
             try:
-                for found in pylsl.resolve_bypred(self._query, 1, SEARCH_DURATION_S)[:1]:
+                for found in pylsl.resolve_bypred(self._query, 1, STREAM_SEARCH_DURATION_S)[:1]:
                     self._listen(pylsl.StreamInlet(found, BUFFER_DURATION_S, recover=False))
             except (LostError, RuntimeError, TimeoutError):  # lost, or not available: search again
                 self._stopping.wait(MAX_CHUNK_DURATION_S)

@@ -28,7 +28,7 @@ RandomGenerators = Sequence[np.random.Generator]
 
 RESPONSE_TIMEOUT_S = 0.08
 """Maximum time in which an external controller must return an action, within the control step of 0.1 s."""
-SIMULATED_RESPONSE_TIMEOUT_S = 10.0
+SIMULATED_CONTROLLER_TIMEOUT_S = 10.0
 """The same maximum for sessions in simulated time. These sessions wait for the action."""
 OPERATOR_TIMEOUT_S = 0.2
 """The robot stops if the operator sends no command for this time."""
@@ -129,12 +129,13 @@ class ThreadedDriver:
 
     The latest action stays active until the controller returns the next one. After a failure or a timeout, the robot
     holds its position. Late actions are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` with ``background``, otherwise
-    ``SIMULATED_RESPONSE_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller replaces it.
+    ``SIMULATED_CONTROLLER_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller replaces
+    it.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
         self._controller_factory, self._background = factory, background
-        self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_RESPONSE_TIMEOUT_S
+        self._limit_s = RESPONSE_TIMEOUT_S if background else SIMULATED_CONTROLLER_TIMEOUT_S
         self._timeout_message = f"late: no answer within {1000 * self._limit_s:.0f} ms"
         self._worker = ControllerThread(factory)
         self._ready = self._pending = None

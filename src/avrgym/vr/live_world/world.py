@@ -31,7 +31,7 @@ from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 
 BRAKING_TICKS = 30
 """Number of ticks for which the brakes stop the robot before its retreat."""
-MAX_RESTING_TURN_RAD = 0.01
+MAX_REST_RETURN_STEP_RAD = 0.01
 """Maximum rotation per tick of the joints of an arm that returns to its rest pose: 1 rad/s."""
 
 
@@ -134,7 +134,7 @@ class LiveWorld:
             if getattr(pose, arm) is None:
                 joints = ARM_JOINTS[arm]
                 way = self._episodes.task.pose.rest_rad[joints] - targets[joints]
-                targets[joints] += np.clip(way, -MAX_RESTING_TURN_RAD, MAX_RESTING_TURN_RAD)
+                targets[joints] += np.clip(way, -MAX_REST_RETURN_STEP_RAD, MAX_REST_RETURN_STEP_RAD)
         self.joint_targets_rad = targets
         self._episodes.simulation.command_person(self.joint_targets_rad[None])
 

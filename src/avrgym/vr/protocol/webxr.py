@@ -21,7 +21,7 @@ MAX_ORIGIN_DISTANCE_M = 10.0
 UNIT_QUATERNION_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
-WRIST_TO_HAND_M = 0.08
+WRIST_TO_HAND_DISTANCE_M = 0.08
 """Distance from a tracked wrist to the centre of the hand (Assistive VR Gym, 2020)."""
 
 
@@ -104,7 +104,7 @@ def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Side) 
     return _compose(registration.to_world(wrist), HAND_CENTRE_FROM_WRIST, HAND_FROM_WRIST_AXES[side])
 
 
-HAND_CENTRE_FROM_WRIST = np.array([0.0, 0.0, -WRIST_TO_HAND_M])
+HAND_CENTRE_FROM_WRIST = np.array([0.0, 0.0, -WRIST_TO_HAND_DISTANCE_M])
 
 HAND_FROM_WRIST_AXES = {
     side: transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(turn))

@@ -32,7 +32,7 @@ class Certificate:
     host_names: tuple[str, ...]
 
 
-def lan_names() -> tuple[str, ...]:
+def lan_host_names() -> tuple[str, ...]:
     """Returns this computer's address and host names in the local network."""
     host = socket.gethostname().partition(".")[0].lower()
     return (*_lan_addresses(), host, f"{host}.local")

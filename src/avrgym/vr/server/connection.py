@@ -65,11 +65,11 @@ class Channel:
         return ", ".join(kind.__struct_config__.tag for kind in get_args(self.message_union))
 
 
-SINGLE_ROLES: tuple[Role, ...] = ("participant", "demonstrator")
+SINGLE_CONNECTION_ROLES: tuple[Role, ...] = ("participant", "demonstrator")
 """Roles with at most one connection."""
 
 
-class RateLimit:
+class MessageRateLimit:
     """Token bucket that limits the messages of a client. It allows the burst after a network interruption."""
 
     def __init__(self) -> None:
@@ -87,7 +87,7 @@ class RateLimit:
         return f"the limits are {MAX_BURST_MESSAGES} in a burst and {MAX_MESSAGES_PER_S} per second"
 
 
-class FrameTimes:
+class FrameLatencyTracker:
     """Measures the latency of each tracking frame: from its arrival until the server sends the first state that
     includes it."""
 
@@ -97,7 +97,7 @@ class FrameTimes:
     def record_arrival(self, sequence: int) -> None:
         """Store the arrival time of a frame."""
         self._received_s[sequence] = time.monotonic()
-        if len(self._received_s) > MAX_STORED_FRAMES:
+        if len(self._received_s) > MAX_STORED_FRAME_TIMES:
             del self._received_s[next(iter(self._received_s))]
 
     def newest_frame_times(self, state: State, created_s: float) -> Passed | None:
@@ -110,7 +110,7 @@ class FrameTimes:
         return Passed(state.tracking_sequence, received_s, created_s, time.monotonic())
 
 
-MAX_STORED_FRAMES = 1000
+MAX_STORED_FRAME_TIMES = 1000
 
 
 CommandRecorder = Callable[[AuthenticatedClient, Any], None]
@@ -146,7 +146,7 @@ async def serve_connection(
         record(caller, hello)
     with broadcast.register_connection(role) as outbox:
         loop.send_initial_state(broadcast.sender(outbox), role)
-        frame_times = FrameTimes()
+        frame_times = FrameLatencyTracker()
         await _until_either(
             _receive(
                 socket, channel, caller, loop, outbox, frame_times, record, lambda: _opens(tokens, hello)
@@ -192,7 +192,7 @@ async def _authenticate(
         if caller is None or caller.role not in channel.allowed_roles:
             why = tokens.rejection_of(hello.token)
             refusal, language = (why.close_code, why.message), why.language
-        elif caller.role in SINGLE_ROLES and broadcast.has(caller.role):
+        elif caller.role in SINGLE_CONNECTION_ROLES and broadcast.has(caller.role):
             refusal = (
                 4409,
                 f"a {caller.role} is already connected; only one is allowed, so close the other page first",
@@ -230,12 +230,12 @@ async def _receive(
     caller: AuthenticatedClient,
     loop: RealTimeLoop[S],
     outbox: Outbox,
-    frame_times: FrameTimes,
+    frame_times: FrameLatencyTracker,
     record: CommandRecorder,
     opens: Callable[[], bool],
 ) -> None:
     """Pass received messages to the loop. Discards a participant's messages after their link has expired."""
-    rate_limit = RateLimit()
+    rate_limit = MessageRateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
             frame = await socket.receive()
@@ -299,7 +299,7 @@ def _decode(data: bytes | None, channel: Channel, report: Callable[[Message], No
         return None
 
 
-async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameTimes) -> None:
+async def _send(socket: WebSocket, outbox: Outbox, frame_times: FrameLatencyTracker) -> None:
     encoder = StateEncoder()
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         try:

@@ -21,16 +21,16 @@ from avrgym.vr.protocol.messages import Role
 from avrgym.vr.server.authentication import Tokens
 
 MAX_UNAUTHENTICATED_CONNECTIONS = 256
-FILE_HANDLE_DIVISOR = 4
+UNAUTHENTICATED_FILE_HANDLE_DIVISOR = 4
 """Maximum number of unauthenticated connections: the number of the process's file handles, divided by this number."""
-ADDRESS_DIVISOR = 4
+PER_ADDRESS_LIMIT_DIVISOR = 4
 """Maximum number of unauthenticated connections of one address: the limit divided by this number. Loopback is exempt,
 because USB headsets share it."""
 MAX_CONNECTIONS_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections are treated as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
 """Timeout of the TLS handshake."""
-IDLE_TIMEOUT_S = 10.0
+IDLE_CONNECTION_TIMEOUT_S = 10.0
 """Timeout of a connection that sends no complete request, at its start and after a response."""
 RESPONSE_TIMEOUT_S = 60.0
 """Timeout for an unauthenticated request, and for the client to receive a response."""
@@ -70,7 +70,7 @@ class Connection:
         closing = self._transport is not None and self._transport.is_closing()
         if self.is_busy:
             return closing or (self.role is None and silent_s > RESPONSE_TIMEOUT_S)
-        return silent_s > (RESPONSE_TIMEOUT_S if closing or self._unsent else IDLE_TIMEOUT_S)
+        return silent_s > (RESPONSE_TIMEOUT_S if closing or self._unsent else IDLE_CONNECTION_TIMEOUT_S)
 
     @property
     def _unsent(self) -> int:
@@ -106,7 +106,7 @@ class ConnectionLimiter:
         self._tokens, self._max_per_role = tokens, max_per_role or MAX_CONNECTIONS_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
         self._max_unauthenticated = min(
-            MAX_UNAUTHENTICATED_CONNECTIONS, max_open_files() // FILE_HANDLE_DIVISOR
+            MAX_UNAUTHENTICATED_CONNECTIONS, max_open_files() // UNAUTHENTICATED_FILE_HANDLE_DIVISOR
         )
 
     async def accept_connections(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
@@ -174,7 +174,7 @@ class ConnectionLimiter:
         self._forget_closed()
         unauthenticated = self._unauthenticated()
         same_address = [each for each in unauthenticated if each.host == host]
-        if len(same_address) > self._max_unauthenticated // ADDRESS_DIVISOR and not _is_own(host):
+        if len(same_address) > self._max_unauthenticated // PER_ADDRESS_LIMIT_DIVISOR and not _is_own(host):
             _close_longest_idle(same_address)
         elif len(unauthenticated) > self._max_unauthenticated:
             _close_longest_idle(unauthenticated)
@@ -209,6 +209,10 @@ def max_open_files() -> int:
     try:
         import resource
     except ImportError:  # Windows has no such limit for sockets
-        return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
+        return UNAUTHENTICATED_FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
     soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS if soft == resource.RLIM_INFINITY else soft
+    return (
+        UNAUTHENTICATED_FILE_HANDLE_DIVISOR * MAX_UNAUTHENTICATED_CONNECTIONS
+        if soft == resource.RLIM_INFINITY
+        else soft
+    )

@@ -16,7 +16,7 @@ from avrgym.vr.live_world.scene_message import poses, scene_message
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage, SendMessage
 from avrgym.vr.protocol.webxr import Registration
-from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, viewing_status
+from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, make_viewing_status
 
 EPISODE_END_PAUSE_S = 2.0
 LOADING_TIMEOUT_S = 15.0
@@ -185,7 +185,7 @@ class EnvironmentViewer:
         return messages.Phase(name="viewing", text=text, trial=0, trials=0, practice=False, seconds=None)
 
     def _status(self) -> messages.Status:
-        return viewing_status(
+        return make_viewing_status(
             self._episodes.simulation,
             self._latest,
             environment=self._episodes.environment_id,

@@ -37,8 +37,8 @@ from avrgym.vr.server.web_server import (
     ServerError,
     WebServer,
     check_client_page,
+    make_page_endpoint,
     open_listener,
-    page_endpoint,
 )
 
 THREAD_SWITCH_INTERVAL_S = 0.0001
@@ -100,16 +100,16 @@ def create_app(
     async def watch(socket: WebSocket) -> None:
         await serve_connection(socket, WATCHER_CHANNEL, tokens, limiter, broadcast, loop, record)
 
-    app.get("/spectator")(page_endpoint("index.html"))
-    app.get("/demonstrator")(page_endpoint("demonstrator.html"))
+    app.get("/spectator")(make_page_endpoint("index.html"))
+    app.get("/demonstrator")(make_page_endpoint("demonstrator.html"))
     add_sound_route(app, tokens, sounds)
     if links is not None:
         app.post("/link")(make_code_endpoint(links))
 
     if study is not None:
         app.mount("/study", study)
-        app.get("/dashboard")(page_endpoint("dashboard.html"))
-        app.get("/caregiver")(page_endpoint("caregiver.html"))
+        app.get("/dashboard")(make_page_endpoint("dashboard.html"))
+        app.get("/caregiver")(make_page_endpoint("caregiver.html"))
 
     app.mount("/", StaticFiles(directory=STATIC_FOLDER, html=True))
     return app

@@ -17,7 +17,7 @@ from avrgym.vr.protocol.messages import Language
 
 LINK_TOKEN_BYTES = 16
 CODE_DIGITS = 6
-CODE_VALID_S = 300.0
+CODE_VALIDITY_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
 """Maximum number of wrong codes in this time. To guess a code, an attacker needs three weeks on average."""
 
@@ -123,12 +123,12 @@ class SessionLinks:
         return self._ended.get(token_sha256(token))
 
     def current_code(self) -> str | None:
-        """Returns a code that is valid for at least another ``CODE_VALID_S`` / 2; ``None`` between sessions."""
+        """Returns a code that is valid for at least another ``CODE_VALIDITY_S`` / 2; ``None`` between sessions."""
         with self._lock:
             if self._open is None:
                 return None
-            self._codes = [each for each in self._codes if each.is_younger_than(CODE_VALID_S)]
-            if not self._codes or not self._codes[-1].is_younger_than(CODE_VALID_S / 2):
+            self._codes = [each for each in self._codes if each.is_younger_than(CODE_VALIDITY_S)]
+            if not self._codes or not self._codes[-1].is_younger_than(CODE_VALIDITY_S / 2):
                 self._codes.append(_Code(random_digits(CODE_DIGITS)))
             return self._codes[-1].digits
 
@@ -147,7 +147,7 @@ class SessionLinks:
                 )
             for code in self._codes:
                 right = secrets.compare_digest(code.digits.encode(), digits.encode("utf-8", "surrogatepass"))
-                if right and code.is_younger_than(CODE_VALID_S) and self._open is not None:
+                if right and code.is_younger_than(CODE_VALIDITY_S) and self._open is not None:
                     self._codes.remove(code)
                     return self._open.link
             self._wrong_codes.count(now_s)

@@ -35,7 +35,7 @@ CLIENT_INSTALL_HINT = (
 )
 SOCKET_PROTOCOL = socket.IPPROTO_TCP
 """Protocol of listening sockets. It is explicit because asyncio sets TCP_NODELAY only on sockets with a protocol."""
-BACKLOG = 1024
+LISTEN_BACKLOG = 1024
 """Maximum number of connections that wait to be accepted."""
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
@@ -55,7 +55,7 @@ def check_client_page(name: str) -> None:
         raise ServerError(f"the browser client is missing; {CLIENT_INSTALL_HINT}")
 
 
-def page_endpoint(name: str) -> Callable[[], Awaitable[FileResponse]]:
+def make_page_endpoint(name: str) -> Callable[[], Awaitable[FileResponse]]:
     """Returns the endpoint of a file of the built client."""
 
     async def page() -> FileResponse:
@@ -81,7 +81,7 @@ def open_listener(
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listener.bind((host, port))
-        listener.listen(BACKLOG)
+        listener.listen(LISTEN_BACKLOG)
     except OSError as error:
         listener.close()
         raise ServerError(

@@ -19,7 +19,7 @@ from avrgym.recording.reader import RecordingError
 from avrgym.recording.writer import RecordingWriter
 from avrgym.system.files import make_private_folder
 from avrgym.system.used_plugins import UsedPlugin, avrgym_version
-from avrgym.tasks.constants import WORLD_VERSION
+from avrgym.tasks.constants import SIMULATION_VERSION
 from avrgym.tasks.control_loop import FirstWorldStep
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import XRPose
@@ -300,7 +300,7 @@ def attempt_configuration(
         items=tuple(plan.questionnaire_after(trial)),
         versions=versions(),
         plugins=tuple(plugins),
-        world_version=WORLD_VERSION,
+        world_version=SIMULATION_VERSION,
         c_library=c_library_fingerprint(),
     )
 

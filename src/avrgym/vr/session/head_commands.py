@@ -12,7 +12,7 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import Tracking
 
 
-class HeadCommands:
+class HeadCommandDetector:
     """Converts head motion to commands: a nod to ``ready``, a shake to ``wait``.
 
     While the robot waits, gaze at the tool is the command ``ready``. While the robot continues, gaze away is ``wait``.

@@ -24,9 +24,9 @@ class TrialPlan:
     """One trial: environment, policy (name or path) and seed; a practice trial has no questionnaire.
 
     ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
-    questionnaire; default: the session's questionnaire. ``earlier_attempts`` is the number of attempts in other
-    sessions. ``rules`` are the participant's commands and preferences in this trial. ``own_preferences``: whether the
-    participant may change these preferences. ``settings`` are those of its scene; default: the session's.
+    questionnaire; default: the session's questionnaire. ``num_earlier_attempts`` is the number of attempts in other
+    sessions. ``rules`` are the participant's commands and preferences in this trial. ``allow_preference_changes``:
+    whether the participant may change these preferences. ``settings`` are those of its scene; default: the session's.
     """
 
     environment: str
@@ -35,9 +35,9 @@ class TrialPlan:
     practice: bool
     goal: str = ""
     items: Sequence[Item] | None = None
-    earlier_attempts: int = 0
+    num_earlier_attempts: int = 0
     rules: TrialRules | None = None
-    own_preferences: bool = False
+    allow_preference_changes: bool = False
     settings: Settings | None = None
 
 

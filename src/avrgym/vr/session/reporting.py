@@ -17,7 +17,7 @@ from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.tracking.tracking_state import TrackingState
 
 STATUS_INTERVAL_TICKS = 20
-FORCE_INTERVAL_TICKS = 4
+TOOL_FORCE_INTERVAL_TICKS = 4
 """Interval at which the contact force of the tool is sent if it has changed."""
 
 NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=0)
@@ -50,7 +50,7 @@ class StateReporter:
         if self._ticks % DEFAULT_SUBSTEPS == 0:
             self._touched = self._touch.touched_sides()
         self._send_feedback(step)
-        if self._ticks % FORCE_INTERVAL_TICKS == 0:
+        if self._ticks % TOOL_FORCE_INTERVAL_TICKS == 0:
             self._send_tool_force(world)
         if self._ticks >= self._state_due and (step is None or self._state_every_ticks == 1):
             self._state_due = self._ticks + self._state_every_ticks
@@ -62,7 +62,7 @@ class StateReporter:
         return messages.State(
             sequence=self._ticks,
             simulation_time_s=self._ticks * TICK_S,
-            tracking_sequence=tracking.followed_sequence,
+            tracking_sequence=tracking.applied_sequence,
             joint_targets=world.joint_targets_rad.astype("<f4").tobytes(),
             deviating_parts=[part for part in TRACKED_BODY_PARTS if part in deviating],
             poses=world.encode_poses(),
@@ -132,7 +132,7 @@ def make_status(
     )
 
 
-def viewing_status(
+def make_viewing_status(
     simulation: Simulation, latest: FirstWorldStep | None, *, environment: str, torso_height_m: float, episode: int,
     step: int, steps: int, reward: float, success: bool, operated: bool, idle: bool, paused: bool = False,
     retracting: bool = False,

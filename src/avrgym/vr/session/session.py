@@ -254,7 +254,7 @@ class Session:
             and storage.completing_trial_index is None
             and not self._phase.robot_finished
         )
-        return self._state.ends_by_rule and idle
+        return self._state.ends_by_stop_rule and idle
 
     def _reopened(self, left: OpenQuestionnaire) -> TrialQuestionnaire:
         """Returns the phase that presents the open questionnaire of an earlier session."""

@@ -32,7 +32,7 @@ from avrgym.vr.session import events
 from avrgym.vr.session.attempt import attempt_configuration
 from avrgym.vr.session.attempt_storage import AttemptStorage
 from avrgym.vr.session.events import EventSink
-from avrgym.vr.session.head_commands import HeadCommands
+from avrgym.vr.session.head_commands import HeadCommandDetector
 from avrgym.vr.session.headset_time import HeadsetTime
 from avrgym.vr.session.interruptions import UNTRACKED_LIMIT_S
 from avrgym.vr.session.participant_input import ParticipantInput
@@ -60,7 +60,7 @@ class SessionState:
     participant's torso height. ``calibrated_posture``: the posture during calibration.
 
     ``is_paused``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
-    ``pause_reason``: the reason, if it was a stop rule. ``ends_by_rule``: a stop rule ends the session.
+    ``pause_reason``: the reason, if it was a stop rule. ``ends_by_stop_rule``: a stop rule ends the session.
     ``ready_trial_index``: the index of the trial for which the participant last confirmed to be ready.
     ``absence_text``: the text that explains why the participant is not in VR; ``None`` in VR. ``visibility``: whether
     the participant sees the scene. ``headset_check_result``: result of the latest headset check. ``headset_checked``:
@@ -83,7 +83,7 @@ class SessionState:
     calibrated_posture: human.Posture | None = None
     is_paused: bool = False
     pause_reason: str = ""
-    ends_by_rule: bool = False
+    ends_by_stop_rule: bool = False
     ready_trial_index: int = -1
     absence_text: ParticipantText | None = NOT_IN_VR_TEXT
     visibility: messages.Visibility = "visible"
@@ -96,7 +96,7 @@ class SessionState:
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
         self.offered_commands = NO_ROBOT_COMMANDS
         self._points: dict[FurniturePoint, tuple[float, float, float]] = {}
-        self.head_commands: HeadCommands | None = None
+        self.head_commands: HeadCommandDetector | None = None
         self._latencies: deque[schema.Latency] = deque(maxlen=LATENCY_WINDOW_S)
         self.stage_latencies: list[messages.StageLatency] = []
 
@@ -179,7 +179,7 @@ class SessionState:
         frame = self.tracking.add_frame(tracking, self.now_s)
         if frame.is_usable and self.tracking.registration is None:
             assert tracking.head is not None
-            self.tracking.place_seat(
+            self.tracking.determine_registration(
                 tracking.head, self.person, self.world.scene_config.posture, self.plan.furniture
             )
             self.send_changed_scene()
@@ -217,7 +217,7 @@ class SessionState:
     def prevent_trials(self, decision: StopDecision) -> None:
         """Pause the session before the next trial, without an event or message. See ``apply_stop_rule``."""
         self.is_paused, self.pause_reason = True, decision.reason
-        self.ends_by_rule = self.ends_by_rule or decision.action == "end"
+        self.ends_by_stop_rule = self.ends_by_stop_rule or decision.action == "end"
 
     def count_headset_time(self, seconds: float) -> None:
         """Counts time in VR. Reports a warning when little time is left."""
@@ -323,16 +323,20 @@ class SessionState:
     @property
     def preference_questions(self) -> list[PreferenceQuestion]:
         """The questions about preferences in the current trial; empty if the participant may not change them."""
-        if not self.current_trial.own_preferences:
+        if not self.current_trial.allow_preference_changes:
             return []
-        own = [trial.rules for trial in self.plan.trials if trial.own_preferences and trial.rules is not None]
+        own = [
+            trial.rules
+            for trial in self.plan.trials
+            if trial.allow_preference_changes and trial.rules is not None
+        ]
         return possible_questions(own)
 
     def change_preferences(self, changes: dict[str, Any]) -> None:
         """Change the participant's preferences in all trials that use them. ``changes``: values by name."""
         trials = [
             replace(trial, rules=with_preferences(trial.rules, changes))
-            if trial.own_preferences and trial.rules is not None
+            if trial.allow_preference_changes and trial.rules is not None
             else trial
             for trial in self.plan.trials
         ]
@@ -418,7 +422,7 @@ class SessionState:
                 self.headset_check_result,
                 self.participant_input.profile,
             ),
-            self.current_trial.earlier_attempts + 1,
+            self.current_trial.num_earlier_attempts + 1,
             self.now_s,
             self.participant_input.profile,
         )
@@ -432,7 +436,7 @@ class SessionState:
             withdraw_after_success=self.withdrawal_enabled,
             rules=rules,
         )
-        self.head_commands = None if rules is None else HeadCommands(rules)
+        self.head_commands = None if rules is None else HeadCommandDetector(rules)
         self._guard_interventions, self._guard_acts, self._withdrew = 0, False, False
 
     def record_driver_failures(self) -> None:

@@ -37,7 +37,7 @@ it."""
 
 MAX_TICK_ROTATION_RAD = 0.0999
 """Maximum rotation of a joint in one tick."""
-DETOUR_THRESHOLD_RAD = 1.2
+MAX_ACCURATE_ROTATION_RAD = 1.2
 """If a joint must rotate by more than this, the solver accepts a pose error of the hand, because no motion can avoid
 it."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
@@ -109,9 +109,11 @@ class ArmSolver:
         )
         angles = _clipped(aim, lower, upper)
         way = np.abs(_clipped(aim, ARM_LOWER_RAD, ARM_UPPER_RAD) - start_rad).max(axis=1)
-        short = (way < DETOUR_THRESHOLD_RAD) & (np.abs(angles - aim).max(axis=1) > CLIPPING_TOLERANCE_RAD)
+        short = (way < MAX_ACCURATE_ROTATION_RAD) & (
+            np.abs(angles - aim).max(axis=1) > CLIPPING_TOLERANCE_RAD
+        )
         for arm in np.flatnonzero(short):
-            for _ in range(LEAST_SQUARES_STEPS):
+            for _ in range(NUM_LEAST_SQUARES_STEPS):
                 step = self._step(hand_pos[arm], hand_axes[arm], angles[arm], (lower[arm], upper[arm]))
                 angles[arm] = _clipped(angles[arm] + step, lower[arm], upper[arm])
         return angles
@@ -140,12 +142,12 @@ class ArmSolver:
         return jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + _DAMPING, error)
 
 
-LEAST_SQUARES_STEPS = 2
+NUM_LEAST_SQUARES_STEPS = 2
 CHARACTERISTIC_LENGTH_M = 0.15
 """Length that converts a rotation error (rad) to a position error (m)."""
 CLIPPING_TOLERANCE_RAD = 1e-6
-DAMPING_M = 0.02
-_DAMPING = DAMPING_M**2 * np.eye(6)
+LEAST_SQUARES_DAMPING_M = 0.02
+_DAMPING = LEAST_SQUARES_DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:

@@ -84,7 +84,7 @@ def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
     return posture.hips_origin(PROPORTIONS[sex]), from_euler_xyz(radians(posture.hips_deg), 0.0, 0.0)
 
 
-def torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
+def solve_torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
     """Returns joint angles (6,) that bring the head to its pose, within the joint ranges: waist x, y, z, head x, y, z.
 
     The waist bends until the head joints are on the line to their tracked position. With joints in the order x, y, z
@@ -169,7 +169,7 @@ class BodySolver:
 
     def _aim(self, pose: BodyPose) -> _Aim:
         """Returns the targets for a pose. A left hand is treated as the right hand of the mirrored person."""
-        torso_rad = torso_angles(self.person, pose.head, self.posture)
+        torso_rad = solve_torso_angles(self.person, pose.head, self.posture)
         waist_w, torso_axes_w = self._torso_frame(torso_rad[:3])
         hands = {
             side: hand for side, hand in (("right", pose.right), ("left", pose.left)) if hand is not None

@@ -25,7 +25,7 @@ from avrgym.texts.interface_texts import ParticipantActionError, ParticipantText
 from avrgym.vr.protocol.messages import XRPose
 from avrgym.vr.protocol.webxr import Pose, Registration, head_pose
 from avrgym.vr.tracking.arm import ArmLengths
-from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, torso_angles
+from avrgym.vr.tracking.body import BodyPose, hips_frame, skeleton, solve_torso_angles
 
 
 def measure_torso_height(sex: Sex, posture: Posture, head: XRPose, furniture: RealFurniture) -> float:
@@ -61,7 +61,7 @@ def arm_length_m(person: Person, posture: Posture, pose: BodyPose) -> float | No
     """Returns the distance in metres of the farther wrist from its shoulder; ``None`` without a tracked hand."""
     measures = skeleton(person, posture)
     hips_w, hips_axes_w = hips_frame(person, posture)
-    torso_axes_w = hips_axes_w @ from_euler_xyz(*torso_angles(person, pose.head, posture)[:3].tolist())
+    torso_axes_w = hips_axes_w @ from_euler_xyz(*solve_torso_angles(person, pose.head, posture)[:3].tolist())
     waist_w = hips_w + hips_axes_w @ np.array(measures.waist)
     far_m = [
         float(np.linalg.norm(_wrist_w(hand, measures.hand_m) - waist_w - torso_axes_w @ (side * shoulder)))

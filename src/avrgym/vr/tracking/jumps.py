@@ -16,7 +16,7 @@ MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
 """Maximum speeds of heads and hands of people who receive assistance."""
 JUMP_RECOVERY_S = 0.1
 """Time without a jump after which poses are valid again."""
-MAX_UNTRACKED_S = 0.2
+MAX_UNTRACKED_DURATION_S = 0.2
 """Time without tracking after which a limb may be at any position."""
 RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
@@ -60,7 +60,7 @@ class PoseFilter:
         if self._tracked is not None:
             passed_s = captured_s - self._captured_s
             jumped = min_travel_time_s(self._tracked, tracked) > passed_s + ROUNDING_TOLERANCE_S
-            absent = measured and captured_s - self._measured_s > MAX_UNTRACKED_S
+            absent = measured and captured_s - self._measured_s > MAX_UNTRACKED_DURATION_S
             self._valid_from_s = now_s + JUMP_RECOVERY_S if jumped else self._valid_from_s
             self.deviates = self.deviates or jumped or absent
         self._tracked, self._captured_s = tracked, captured_s

@@ -18,12 +18,12 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.body import HEAD_JOINT_INDICES, WAIST_JOINT_INDICES, resting_head_centre, skeleton
 
 SAMPLE_INTERVAL_TICKS = 10
-WINDOW_SAMPLES = 11
+SAMPLES_PER_WINDOW = 11
 """Number of samples in one second, including both ends."""
 STEADY_HEAD_RANGE_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
 """Distance between the head at rest and the simulated head above which the participant has slid."""
-MAX_SHIFT_M = 0.6
+MAX_SEATED_SHIFT_M = 0.6
 MAX_HEAD_RISE_M = 0.1
 """Maximum distance and maximum height of the head relative to its rest position. Beyond them, the participant has left
 the seat."""
@@ -49,7 +49,7 @@ class SlidingMonitor:
         self._waist_w = np.array(measures.hips_pos_w) + self._hips_axes_w @ np.array(measures.waist)
         self._neck_t, self._head_centre_m = np.array(measures.neck), measures.head_centre_m
         self._rest_w = resting_head_centre(person, posture)
-        self._seen: deque[FloatArray] = deque(maxlen=WINDOW_SAMPLES)
+        self._seen: deque[FloatArray] = deque(maxlen=SAMPLES_PER_WINDOW)
 
     def update(self, head: Pose, joint_angles_rad: FloatArray) -> SeatMotion | None:
         """Returns the motion of the room if the participant has slid, otherwise ``None``.
@@ -58,7 +58,7 @@ class SlidingMonitor:
         """
         self._seen.append(head.pos_w)
         if (
-            len(self._seen) < WINDOW_SAMPLES
+            len(self._seen) < SAMPLES_PER_WINDOW
             or np.ptp(np.array(self._seen), axis=0).max() > STEADY_HEAD_RANGE_M
         ):
             return None
@@ -95,7 +95,7 @@ class SlidingMonitor:
         along_m = float(neck_w @ direction)
         too_far = float(neck_w @ neck_w - self._neck_t @ self._neck_t)
         shift_m = along_m - sqrt(max(along_m * along_m - too_far, 0.0))
-        if not SLIDING_THRESHOLD_M < shift_m <= MAX_SHIFT_M:
+        if not SLIDING_THRESHOLD_M < shift_m <= MAX_SEATED_SHIFT_M:
             return None
         self.reset()
         return SeatMotion(-shift_m * direction, shift_m / SEAT_SPEED_M_S)

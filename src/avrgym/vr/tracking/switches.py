@@ -24,9 +24,9 @@ MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
 """Maximum difference between two devices that track the same resting hand."""
 MAX_SWITCH_GAP_S = 2.0
 """Maximum time after the old device's last pose for which a resting hand is assumed not to have moved."""
-REST_RADIUS_M = 0.02
+MAX_REST_DISPLACEMENT_M = 0.02
 """Maximum displacement of a hand at rest."""
-CORRECTION_FADING_PER_METRE = 0.1
+CORRECTION_DECAY_PER_M = 0.1
 """Decrease of the correction, in metres, per metre of the hand's motion."""
 CHARACTERISTIC_LENGTH_M = 0.15
 """Length that converts a rotation (rad) to a displacement (m)."""
@@ -58,7 +58,7 @@ class GripCorrection:
 
     def after_motion(self, way_m: float) -> "GripCorrection | None":
         """Returns the remaining correction after the hand has moved by ``way_m``; ``None`` if nothing remains."""
-        left = 1.0 - CORRECTION_FADING_PER_METRE * way_m / self.size_m if self.size_m > 0.0 else 0.0
+        left = 1.0 - CORRECTION_DECAY_PER_M * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return GripCorrection(left * self.pos, left * self.rotation_rad) if left > 0.0 else None
 
     def apply(self, grip: XRPose) -> XRPose:
@@ -71,7 +71,7 @@ class GripCorrection:
         return _pose(pos, q)
 
 
-def correction_between(grip: XRPose, followed: XRPose) -> GripCorrection:
+def grip_correction_between(grip: XRPose, followed: XRPose) -> GripCorrection:
     """Returns the correction that transforms the pose ``grip`` to the pose ``followed``."""
     there, there_q = transforms.invert(*_arrays(grip))
     pos, q, turn_rad = np.empty(3), np.empty(4), np.empty(3)
@@ -106,13 +106,13 @@ class HandDevice:
         return self._followed
 
     def _switch(self, grip: XRPose, followed: XRPose, gap_s: float) -> None:
-        found = correction_between(grip, followed)
+        found = grip_correction_between(grip, followed)
         self._correction = found if found.is_plausible and gap_s <= MAX_SWITCH_GAP_S else None
         self._rested = np.array(grip.position)
 
     def _fade(self, grip: XRPose, correction: GripCorrection) -> None:
         way_m = float(np.linalg.norm(np.array(grip.position) - self._rested))
-        if way_m > REST_RADIUS_M:
+        if way_m > MAX_REST_DISPLACEMENT_M:
             self._correction, self._rested = correction.after_motion(way_m), np.array(grip.position)
 
 

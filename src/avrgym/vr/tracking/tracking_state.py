@@ -85,7 +85,7 @@ class TrackingState:
         return self._feed.measurement_times.pose_age_s(part, now_s)
 
     @property
-    def followed_sequence(self) -> int:
+    def applied_sequence(self) -> int:
         """The sequence number of the newest tracking frame that moved the body; −1 before the first."""
         return -1 if self._followed is None else self._followed.tracking.sequence
 
@@ -107,7 +107,7 @@ class TrackingState:
             else (newest.tracking.left_modality, newest.tracking.right_modality)
         )
 
-    def place_seat(
+    def determine_registration(
         self, head: XRPose, person: Person, posture: Posture, furniture: RealFurniture = DEFAULT_FURNITURE
     ) -> None:
         """Determine the registration from the headset's pose of a participant who rests on the seat or bed.

@@ -85,7 +85,7 @@ class Calibration(VrPhase):
             state.explain_rejection(error.text)
             return self
         state.calibrated_posture = posture
-        state.tracking.place_seat(head, state.person, posture, state.plan.furniture)
+        state.tracking.determine_registration(head, state.person, posture, state.plan.furniture)
         state.event_sink.report(events.Calibrated(state.now_s, state.person.torso_height_m, measured))
         with_headset = "mouse" not in state.tracking.hand_modalities
         measures_reach = (
