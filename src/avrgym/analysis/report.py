@@ -284,8 +284,8 @@ METHOD_TEXTS = (
     "interval, with the effective sample size if participants have several trials. Next to them is the evaluation of "
     "the same policy in simulation with its training population. Rewards that are all equal have no interval.",
     "Wilcoxon signed-rank test: zero differences are omitted and ties get mean ranks. It is exact for at most "
-    f"{MAX_EXACT_SIGNED_RANK_N} differences, else a normal approximation. Policies are paired within participant × task "
-    "× robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
+    f"{MAX_EXACT_SIGNED_RANK_N} differences, else a normal approximation. Policies are paired within participant × "
+    "task × robot. Tests by participant use the mean of each participant's trials. Tests by trial repeat the paper's "
     "analysis, which assumes independent trials.",
     "Effect size: rank-biserial correlation r from −1 to 1, positive if the first group is larger. Its 95 % confidence "
     "interval is Wilson's for the share (1 + r) / 2, with the effective sample size of the ranks. For energy distances "

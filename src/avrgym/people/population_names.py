@@ -10,8 +10,8 @@ TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO = "zoo/train", "zoo/unseen", "zoo/extreme"
 POPULATION_NAMES = (ORIGINAL, REVISED, PARTICIPANTS, ANTHROPOMETRIC, TRAIN_ZOO, UNSEEN_ZOO, EXTREME_ZOO)
 ALLOWED_PEOPLE = (
     f"{', '.join(POPULATION_NAMES)}, a style of the zoo such as {TRAIN_ZOO}/startled "
-    f"({', '.join([*STYLES, COMMANDING_STYLE_NAME])}), one of these with @1 for motion version 1, a people file, the policy file "
-    "of a trained human, or a folder of such policy files"
+    f"({', '.join([*STYLES, COMMANDING_STYLE_NAME])}), one of these with @1 for motion version 1, a people file, "
+    "the policy file of a trained human, or a folder of such policy files"
 )
 """The allowed values of ``people``, for help and error messages."""
 

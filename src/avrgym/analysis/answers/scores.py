@@ -277,7 +277,8 @@ def _summary_table(caption: str, rows: Sequence[ScoreSummaryRow], instrument: In
         (
             row.scale, *_range_cells(row, instrument), row.policy or "",
             MOMENT_LABELS.get(row.moment, "after trials"), row.n, row.by_proxy, short_number_text(row.median),
-            f"{short_number_text(row.lower_quartile)} to {short_number_text(row.upper_quartile)}", number_text(row.mean),
+            f"{short_number_text(row.lower_quartile)} to {short_number_text(row.upper_quartile)}",
+            number_text(row.mean),
             f"{short_number_text(row.minimum)} to {short_number_text(row.maximum)}",
         )
         for row in rows

@@ -51,8 +51,8 @@ def _check_present_texts(
         if others:
             yield Finding(
                 FILE,
-                f"[consent] in {language} differs from the text that {consenting_pseudonyms_text(others)} read as version "
-                f"{store.design.consent.version}; increase the version, or restore the earlier text",
+                f"[consent] in {language} differs from the text that {consenting_pseudonyms_text(others)} read as "
+                f"version {store.design.consent.version}; increase the version, or restore the earlier text",
             )
 
 
