@@ -11,7 +11,7 @@ from avrgym.analysis.models.effects import TrialValue, effects_of_interest
 from avrgym.analysis.models.estimate import EffectEstimate
 from avrgym.analysis.models.fitting import MIXED_MODEL, UNRELIABLE_P_NOTE, estimate_effects
 from avrgym.analysis.outcomes.outcomes import OBJECTIVE_QUESTION, mean_with_interval
-from avrgym.analysis.page.comparisons import test_table
+from avrgym.analysis.page.comparisons import hypothesis_test_table
 from avrgym.analysis.page.elements import p_text
 from avrgym.analysis.power.simulated_studies import PowerAssumptions, SimulatedStudies
 from avrgym.analysis.primary import assign_result_roles
@@ -58,7 +58,7 @@ def test_each_question_has_one_primary_result() -> None:
 
 def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None:
     own = [each for each in rows() if each.family == OBJECTIVE_QUESTION.family_name(PARTICIPANT_UNIT)]
-    shown = test_table("Tests", own, simulated=False)
+    shown = hypothesis_test_table("Tests", own, simulated=False)
     heads = re.findall("<th[^>]*>([^<]*)</th>", shown)
     cells = re.findall("<td[^>]*>([^<]*)</td>", shown)
     table = [
@@ -68,7 +68,7 @@ def test_tables_show_the_correction_over_primary_results_next_to_holms() -> None
         (p_text(each.p_holm), p_text(each.p_primary)) for each in own
     ]
     others = [replace(each, role="secondary", p_primary=None) for each in own]
-    assert "p, corrected" not in test_table("Tests", others, simulated=False)
+    assert "p, corrected" not in hypothesis_test_table("Tests", others, simulated=False)
 
 
 @pytest.mark.parametrize("unit", [TRIAL_UNIT, PARTICIPANT_UNIT])
@@ -196,7 +196,7 @@ def test_fewer_than_four_participants_are_described_and_not_tested(people: int) 
     assert not any(each.stars or each.method or each.effect_low is not None for each in tests)
     assert {each.note for each in tests} <= {"fewer than 4 participants", "all differences are zero"}
     assert any(each.effect is not None for each in tests)
-    page = test_table("Tests", tests, simulated=True)
+    page = hypothesis_test_table("Tests", tests, simulated=True)
     assert "0.0" not in "".join(part.partition("</td>")[0] for part in page.split("<td>")[4:8])
 
 

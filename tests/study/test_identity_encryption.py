@@ -257,7 +257,7 @@ def test_leftover_plain_file_is_removed(old: Path) -> None:
     assert avrgym("encrypt-names", old).exit_code == 0
     assert not plain.exists()
     plain.write_bytes(kept.replace(b"sub-002", b"sub-009"))
-    assert "contains sub-009, and identities.json does not" in avrgym("encrypt-names", old).stderr
+    assert "contains sub-009, but identities.json does not" in avrgym("encrypt-names", old).stderr
     assert plain.exists()
 
 

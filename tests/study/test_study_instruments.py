@@ -129,7 +129,7 @@ def test_licensed_texts_are_read_from_the_folder_of_the_study(tmp_path: Path) ->
         for item in INSTRUMENTS["ipq"].items
     ]
     for words, error in (
-        (lines[1:], "instruments/ipq.toml lacks ipq_g1; allowed: each of them as ID = { text ="),
+        (lines[1:], "instruments/ipq.toml lacks ipq_g1; allowed: each item as ID = { text ="),
         (['ipq_g1 = "Words without ends"', *lines[1:]], "instruments/ipq.toml lacks ipq_g1;"),
         ([*lines, 'ipq_g2 = "?"'], "unknown item 'ipq_g2'; allowed: ipq_g1, ipq_sp1"),
         (["ipq_g1 = 3", *lines[1:]], "instruments/ipq.toml cannot be read"),

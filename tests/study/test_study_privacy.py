@@ -147,12 +147,12 @@ def test_deletion_removes_backups_of_the_database(store: Store) -> None:
     assert found(store.folder) == set()
 
 
-@pytest.mark.parametrize("step", ["remove_identity", "_remove", "erase_deleted_data"])
+@pytest.mark.parametrize("step", ["remove_identity", "_delete_rows", "erase_deleted_data"])
 def test_repeated_deletion_completes_an_interrupted_one(
     store: Store, monkeypatch: pytest.MonkeyPatch, step: str
 ) -> None:
     before = others(store)
-    owner = {"remove_identity": identity_file, "_remove": deletion, "erase_deleted_data": Database}[step]
+    owner = {"remove_identity": identity_file, "_delete_rows": deletion, "erase_deleted_data": Database}[step]
     with monkeypatch.context() as crash:
         crash.setattr(owner, step, lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):

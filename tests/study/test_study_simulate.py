@@ -147,7 +147,7 @@ def test_other_seed_does_not_continue_earlier_participants(folder: Path) -> None
         find_or_enrol_participant(store, 0, DryRunSettings(SEED))
     with (
         Store(folder) as store,
-        pytest.raises(StudyError, match=r"'simulated with seed 5, motion 2', not .*allowed: the same seed"),
+        pytest.raises(StudyError, match=r"'simulated with seed 5, motion 2', but .*allowed: the same seed"),
     ):
         find_or_enrol_participant(store, 0, DryRunSettings(SEED + 1))
     with Store(folder) as store:

@@ -117,7 +117,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     assert result.frame_rate_hz == pytest.approx(90.0)
     assert result.left.reach_m is not None
     assert result.head.tracked_share == 1.0
-    assert result.stop == "palm"
+    assert result.stop_method == "palm"
     assert result.latency_ms["total_ms"]["p50"] == pytest.approx(2.5 * len(STAGES))
     assert "ready" in visit.received(Phase)[-1].text
     visit.send(Ready())
@@ -129,7 +129,7 @@ def test_a_ready_headset_leads_to_calibration_and_into_every_recording(tmp_path:
     (recording,) = visit.recordings()
     recorded = recording.configuration.headset_check
     assert recorded is not None
-    assert (recorded.display_hz, recorded.stop) == (90.0, "palm")
+    assert (recorded.display_hz, recorded.stop_method) == (90.0, "palm")
 
 
 @pytest.mark.fast_cases(2)
@@ -161,7 +161,7 @@ def test_a_stop_that_was_not_tried_is_told_and_may_be_skipped(tmp_path: Path) ->
     visit.tick(60)
     answer(visit)
     (result,) = [each.check for each in visit.observed if isinstance(each, events.HeadsetChecked)]
-    assert result.stop == "none"
+    assert result.stop_method == "none"
     assert not is_headset_ready(result)
     assert "did not try the stop" in visit.received(Phase)[-1].text
     visit.send(Ready())

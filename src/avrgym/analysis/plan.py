@@ -24,7 +24,7 @@ from avrgym.analysis.biomechanics.training_people import AXIS_NAMES, task_postur
 from avrgym.analysis.models.models import ModelRow, model_tests
 from avrgym.analysis.models.section import effects_table
 from avrgym.analysis.outcomes.outcomes import outcome_tests
-from avrgym.analysis.page.comparisons import test_table
+from avrgym.analysis.page.comparisons import hypothesis_test_table
 from avrgym.analysis.page.elements import Markup, bullet_list, join_markup, tag
 from avrgym.analysis.reading.study_data import StudyData
 from avrgym.analysis.statistics.comparisons import (
@@ -284,7 +284,7 @@ def _hypothesis(
 
     own_tests, effects = list(filter(judged, tests)), list(filter(judged, models))
     caption = f"{hypothesis.id}: {', '.join(hypothesis.tests)}"
-    parts = [test_table(caption, own_tests, simulated)] if own_tests else []
+    parts = [hypothesis_test_table(caption, own_tests, simulated)] if own_tests else []
     parts += [effects_table(caption, effects, simulated)] if effects else []
     return join_markup(
         [

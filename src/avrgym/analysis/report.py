@@ -23,7 +23,7 @@ from avrgym.analysis.log import access_log_section
 from avrgym.analysis.models.section import MODELS_METHOD_TEXT, models_section
 from avrgym.analysis.outcomes.section import outcomes_section
 from avrgym.analysis.outcomes.trials import trials_section
-from avrgym.analysis.page.comparisons import other_tests_section, test_tables_by_caption
+from avrgym.analysis.page.comparisons import hypothesis_test_tables, other_tests_section
 from avrgym.analysis.page.drawing import ReportFigure
 from avrgym.analysis.page.elements import (
     Markup,
@@ -149,7 +149,7 @@ def _group(
         if each.name.rpartition("-")[2] == _id(simulated)
     }
     mark = [badge("SIMULATED PARTICIPANTS")] if simulated else []
-    tests = test_tables_by_caption(analysis.families, simulated)
+    tests = hypothesis_test_tables(analysis.families, simulated)
     design, observed = analysis.design, analysis.study_data
     confirmed = analysis.frozen_plan.confirmatory_plan if analysis.frozen_plan else None
     findings = analysis.repeat_findings if simulated is analysis.repeats_of_simulated else []

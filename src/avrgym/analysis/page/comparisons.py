@@ -19,14 +19,14 @@ TestTables = dict[str, Markup]
 """Tables of tests, by caption. A report section that contains a table removes it from this dictionary."""
 
 
-def test_tables_by_caption(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
+def hypothesis_test_tables(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
     """Returns the tables of all tests of people (or of simulated participants), by caption."""
     own = [family for family in families if family.simulated is simulated]
     rows = {
         caption: [row for family in own if family.question.table_caption == caption for row in family.rows]
         for caption in dict.fromkeys(family.question.table_caption for family in own)
     }
-    return {caption: test_table(caption, tests, simulated) for caption, tests in rows.items()}
+    return {caption: hypothesis_test_table(caption, tests, simulated) for caption, tests in rows.items()}
 
 
 def other_tests_section(tests: TestTables) -> Markup:
@@ -34,7 +34,7 @@ def other_tests_section(tests: TestTables) -> Markup:
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
-def test_table(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
+def hypothesis_test_table(caption: str, rows: Sequence[ComparisonRow], simulated: bool) -> Markup:
     """Returns a table of the tests by participant, and a folded supplementary table of the tests by trial."""
     by_trial = [row for row in rows if row.unit == TRIAL_UNIT]
     by_participant = [row for row in rows if row.unit != TRIAL_UNIT]
