@@ -44,7 +44,7 @@ def host_participants(
         session.process.pid or 0, signal.SIGKILL
     ),
 ) -> dict[str, Any]:
-    """Host a study for emulated participants who come at once. Returns figures about them.
+    """Host a study for emulated participants that start together. Returns figures about them.
 
     ``computers``: returns the computers that run sessions, see ``Host``. ``kill``: ends the process of a session.
     """

@@ -17,7 +17,7 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.trial_worlds import resting_person
 
 MAX_PERSON_SAMPLES = 100
-"""Maximum number of sampled people. People next to whom the robot has too little space are rejected."""
+"""Maximum number of sampled people. A person without enough space for the robot is rejected."""
 
 
 @dataclass(frozen=True)
