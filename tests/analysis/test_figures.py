@@ -281,7 +281,7 @@ def test_the_same_figure_gives_the_same_bytes_in_another_process() -> None:
     code = (
         "import hashlib, test_figures as t;"
         "d = next(t.objective_drawings(t.design_of('paper')));"
-        "print(hashlib.sha256(d.pdf() + d.svg()).hexdigest())"
+        "print(hashlib.sha256(d.to_pdf() + d.to_svg()).hexdigest())"
     )
     shown = {
         subprocess.run(

@@ -62,6 +62,7 @@ def test_page_of_twelve_sessions_is_accessible(browser: Browser, size: ViewportS
         "waiting": 3,
         "participants": {"allocated": 15, "completed": 20, "withdrawn": 2},
         "copies_requested": ["sub-004"],
+        "problems": ["recordings are not copied: the object store cannot be reached"],
         "sessions": session_rows(),
     }
     page: Page = browser.new_page(viewport=size)

@@ -138,7 +138,7 @@ def _kill_session(store: Store) -> bool:
     sessions = [each for one in store.participants() for each in store.sessions(one.pseudonym)]
     attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
     running = {each.session for each in attempts if each.state == "running"}
-    processes = [each.process for each in sessions if each.state == "open" and each.id in running]
+    processes = [each.process_id for each in sessions if each.state == "open" and each.id in running]
     if not processes:
         return False
     with suppress(ProcessLookupError):

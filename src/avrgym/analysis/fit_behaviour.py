@@ -404,7 +404,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
         ends = [np.concatenate([each, np.repeat(each[-1:], longest - len(each), axis=0)]) for each in arrays]
         return np.tile(np.stack(ends, axis=1), (1, candidates, *[1] * (arrays[0].ndim - 1)))
 
-    perceived = [stacked(name) for name in ("tool_w", "head_w", "mouth_w", "right_arm_w")]
+    perceived = [stacked(name) for name in ("tool_pos_w", "head_pos_w", "mouth_pos_w", "right_arm_pos_w")]
     persons = [each.person for each in motions] * candidates
     people = People.from_persons(persons)
     values = points.reshape(-1, len(_NAMES))
