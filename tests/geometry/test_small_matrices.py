@@ -40,9 +40,9 @@ def test_a_matrix_of_zeros_is_eliminated():
 def test_rows_are_turned_to_the_end_and_back(rng):
     q = transforms.normalize(rng.standard_normal((COUNT, 4)))
     matrix = transforms.to_matrix(q)
-    columns = small_matrices.rows_last(matrix)
+    columns = small_matrices.move_batch_axis_last(matrix)
     assert_array_equal(columns[0].T, matrix[:, :, 0])
-    assert_array_equal(small_matrices.rows_first(columns), matrix)
+    assert_array_equal(small_matrices.move_batch_axis_first(columns), matrix)
 
 
 @pytest.mark.parametrize("angle_rad", [0.0, 1e-9, 0.5, 2.0, 3.0, np.pi - 0.05, np.pi - 1e-4, np.pi - 1e-9])
@@ -50,7 +50,7 @@ def test_the_rotation_between_rotations(rng, angle_rad):
     q = transforms.normalize(rng.standard_normal((COUNT, 4)))
     vector = angle_rad * transforms.normalize(rng.standard_normal((COUNT, 3)))
     target = transforms.multiply(transforms.from_rotation_vector(vector), q)
-    columns = (small_matrices.rows_last(transforms.to_matrix(r)) for r in (q, target))
+    columns = (small_matrices.move_batch_axis_last(transforms.to_matrix(r)) for r in (q, target))
     assert_allclose(small_matrices.rotation_between(*columns).T, vector, atol=1e-7)
 
 
@@ -58,6 +58,6 @@ def test_half_a_turn_between_rotations_has_one_of_two_axes(rng):
     q = transforms.normalize(rng.standard_normal((COUNT, 4)))
     vector = np.pi * transforms.normalize(rng.standard_normal((COUNT, 3)))
     target = transforms.multiply(transforms.from_rotation_vector(vector), q)
-    columns = (small_matrices.rows_last(transforms.to_matrix(r)) for r in (q, target))
+    columns = (small_matrices.move_batch_axis_last(transforms.to_matrix(r)) for r in (q, target))
     found = small_matrices.rotation_between(*columns).T
     assert_allclose(np.abs(np.einsum("ni,ni->n", found, vector)), np.pi**2, rtol=1e-7)

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from avrgym.models.robot import Arm, Robot, compile_robot_model, fix_joints, robot_spec, tuned_arm
+from avrgym.models.robot import Arm, Robot, arm_with_servo_gains, compile_robot_model, fix_joints, robot_spec
 from avrgym.models.urdf import Urdf
 from avrgym.robots.registry import ROBOTS
 from avrgym.robots.validation import check_robot
@@ -54,7 +54,9 @@ def build(text: str) -> mujoco.MjSpec:
 
 
 def arm_of(text: str) -> Arm:
-    return tuned_arm(lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit=1.0, effort_limit=5.0)
+    return arm_with_servo_gains(
+        lambda _: build(text), JOINTS, "link_6", np.zeros(6), speed_limit=1.0, effort_limit=5.0
+    )
 
 
 def robot_of(text: str, arm: Arm) -> Robot:

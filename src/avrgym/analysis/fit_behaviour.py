@@ -28,8 +28,8 @@ from avrgym.people import motor
 from avrgym.people.motor import (
     MAX_JOINT_SPEED_RAD_S,
     NOISE_FREE_SPEED_SHARE,
+    STARTLE_FILTER_GAIN,
     STARTLE_SPEED_FACTOR,
-    STARTLED_FILTER_GAIN,
 )
 from avrgym.people.zoo import partner_behaviour
 from avrgym.people.zoo.partners import DEFAULT_PARAMETER_BOUNDS, PARAMETER_BOUNDS, parameters_of
@@ -425,7 +425,7 @@ def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArra
         )
         startled = partner_behaviour.are_startled(state)
         pace = np.where(startled, STARTLE_SPEED_FACTOR, moved.speed_factor)
-        follow = np.where(startled[:, None], STARTLED_FILTER_GAIN, usual_follow)
+        follow = np.where(startled[:, None], STARTLE_FILTER_GAIN, usual_follow)
         moved = replace(
             moved,
             goal_rad=np.clip(goals, LOWER_LIMITS_RAD, UPPER_LIMITS_RAD)[:, _MOVING],

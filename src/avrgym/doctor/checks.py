@@ -9,7 +9,7 @@ from avrgym.doctor.finding import Check, Finding, error_finding
 from avrgym.doctor.installation import requirements_of, user_extras
 from avrgym.system.files import user_data_folder
 from avrgym.vr.server.addresses import DEFAULT_PORT
-from avrgym.vr.server.certificate import certificate_paths, lan_host_names
+from avrgym.vr.server.certificate import certificate_in_folder, lan_host_names
 
 COMPUTER_CHECKS = (
     Check("Python", lambda: installation.check_python(platform.python_version())),
@@ -28,7 +28,7 @@ COMPUTER_CHECKS = (
     Check("firewall", lambda: connections.check_firewall(DEFAULT_PORT)),
     Check(
         "certificate",
-        lambda: connections.check_certificate(certificate_paths(user_data_folder(), lan_host_names())),
+        lambda: connections.check_certificate(certificate_in_folder(user_data_folder(), lan_host_names())),
     ),
     Check("processors", machine.check_processor_count),
     Check("priority", machine.check_real_time_priority),

@@ -21,10 +21,10 @@ from avrgym.geometry.small_matrices import (
     cross,
     diagonal,
     gaussian_elimination,
+    move_batch_axis_first,
+    move_batch_axis_last,
     norm,
     rotation_between,
-    rows_first,
-    rows_last,
     solve_linear,
     weighted_gram_matrix,
     weighted_sum,
@@ -154,8 +154,8 @@ def _range(model: mujoco.MjModel, joint: str) -> FloatArray:
 
 def forward_kinematics(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns tip positions (N, 3) and quaternions (N, 4), w ≥ 0, in the base frame, at joint positions (N, J)."""
-    poses = _poses(chain, rows_last(joint_positions))
-    return rows_first(poses.tip), transforms.from_matrix(rows_first(poses.columns))
+    poses = _poses(chain, move_batch_axis_last(joint_positions))
+    return move_batch_axis_first(poses.tip), transforms.from_matrix(move_batch_axis_first(poses.columns))
 
 
 def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -164,9 +164,9 @@ def jacobian(chain: Chain, joint_positions: FloatArray) -> tuple[FloatArray, Flo
     Returns:
         Tip positions (N, 3), quaternions (N, 4) and Jacobian (N, 6, J). Rows 0–2 are translations, rows 3–5 rotations.
     """
-    poses = _poses(chain, rows_last(joint_positions))
-    q = transforms.from_matrix(rows_first(poses.columns))
-    return rows_first(poses.tip), q, rows_first(_jacobian(poses))
+    poses = _poses(chain, move_batch_axis_last(joint_positions))
+    q = transforms.from_matrix(move_batch_axis_first(poses.columns))
+    return move_batch_axis_first(poses.tip), q, move_batch_axis_first(_jacobian(poses))
 
 
 def action_jacobian(chain: Chain, joint_positions: FloatArray, *, drives: bool) -> FloatArray:
@@ -251,8 +251,8 @@ def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     diag(``joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy
     of Kim and Khosla (IROS 1991).
     """
-    j = _scaled_jacobian(_poses(chain, rows_last(joint_positions)))
-    square = weighted_gram_matrix(j, rows_last(joint_limit_weights(chain, joint_positions)))
+    j = _scaled_jacobian(_poses(chain, move_batch_axis_last(joint_positions)))
+    square = weighted_gram_matrix(j, move_batch_axis_last(joint_limit_weights(chain, joint_positions)))
     trace = reduce(np.add, diagonal(square))
     gaussian_elimination(square)
     determinant = reduce(np.multiply, np.maximum(diagonal(square), 0.0))
@@ -311,7 +311,7 @@ def inverse_kinematics(
         target.astype(precision),
         np.stack([chain.lower_limit, chain.upper_limit]).astype(precision),
     )
-    angles = np.clip(rows_last(start).astype(precision), *limits[..., None])
+    angles = np.clip(move_batch_axis_last(start).astype(precision), *limits[..., None])
     units = chain.joint_units[:, None].astype(precision)
     left, steps = np.empty((2, len(start))), np.zeros(len(start), dtype=int)
     rows, waiting = np.split(np.arange(len(start)), [ROWS_PER_BLOCK])
@@ -327,7 +327,7 @@ def inverse_kinematics(
         angles[:, rows] = _step(now, limits[..., None], units, j, error)
         steps[rows] += 1
         rows, waiting = np.concatenate([rows, waiting[:done]]), waiting[done:]
-    found = np.clip(rows_first(angles), chain.lower_limit, chain.upper_limit)
+    found = np.clip(move_batch_axis_first(angles), chain.lower_limit, chain.upper_limit)
     return IKSolution(found, left[0], left[1] / METRES_PER_RADIAN)
 
 
@@ -444,10 +444,10 @@ def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArra
 
 def _target(pos: FloatArray, q: FloatArray | None) -> tuple[FloatArray, float]:
     """Returns the target as position and rotation columns (4, 3, N), and the rotation weight in metres per radian."""
-    place = rows_last(pos)[None]
+    place = move_batch_axis_last(pos)[None]
     if q is None:
         return np.concatenate([place, np.repeat(np.eye(3)[..., None], len(pos), axis=-1)]), 0.0
-    return np.concatenate([place, rows_last(transforms.to_matrix(q))]), METRES_PER_RADIAN
+    return np.concatenate([place, move_batch_axis_last(transforms.to_matrix(q))]), METRES_PER_RADIAN
 
 
 def _error(poses: _Poses, target: FloatArray, metres_per_radian: float) -> FloatArray:

@@ -16,14 +16,14 @@ MIN_DIVISOR = 1e-30
 """Minimum divisor. It replaces smaller divisors and zero."""
 
 
-def rows_last(rows_first: FloatArray) -> FloatArray:
+def move_batch_axis_last(move_batch_axis_first: FloatArray) -> FloatArray:
     """Returns an array (N, ...) with reversed axes, (..., N). The result is contiguous; matrices become transposed."""
-    return np.ascontiguousarray(rows_first.T)
+    return np.ascontiguousarray(move_batch_axis_first.T)
 
 
-def rows_first(rows_last: FloatArray) -> FloatArray:
+def move_batch_axis_first(move_batch_axis_last: FloatArray) -> FloatArray:
     """Returns an array (..., N) with reversed axes, (N, ...). The result is contiguous; matrices become transposed."""
-    return np.ascontiguousarray(rows_last.T)
+    return np.ascontiguousarray(move_batch_axis_last.T)
 
 
 def norm(v: FloatArray) -> FloatArray:
@@ -99,5 +99,7 @@ def rotation_between(columns: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def _rotation_by_quaternions(columns: FloatArray, target: FloatArray) -> FloatArray:
-    q, target_q = (transforms.from_matrix(rows_first(m)) for m in (columns, target))
-    return rows_last(transforms.to_rotation_vector(transforms.multiply(target_q, transforms.conjugate(q))))
+    q, target_q = (transforms.from_matrix(move_batch_axis_first(m)) for m in (columns, target))
+    return move_batch_axis_last(
+        transforms.to_rotation_vector(transforms.multiply(target_q, transforms.conjugate(q)))
+    )

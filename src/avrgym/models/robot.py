@@ -37,7 +37,7 @@ FurnitureBuilder = Callable[[mujoco.MjSpec, bool], None]
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot arm. ``tuned_arm`` creates one and computes stiffness and inertia.
+    """A robot arm. ``arm_with_servo_gains`` creates one and computes stiffness and inertia.
 
     Joints are hinges or slides; the model defines their types and ranges. The type determines the units: radians and
     N·m for hinges, metres and N for slides.
@@ -402,7 +402,7 @@ ARM_SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo. The joint lags 0.1 s behind the servo target."""
 
 
-def tuned_arm(
+def arm_with_servo_gains(
     build: Callable[[bool], mujoco.MjSpec],
     joints: Sequence[str],
     end_effector: str,

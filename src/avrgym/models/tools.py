@@ -1,6 +1,7 @@
 """Tools, and the particles on them.
 
-A tool's frame has its origin at the working point, x away from the hand, and z up when the tool is level.
+The origin of a tool's frame is the tool centre point. Its x axis points away from the hand. Its z axis points up when
+the tool is level.
 """
 
 from collections.abc import Callable

@@ -86,7 +86,7 @@ def _follow_share(acceleration_factor: float, speed_factor: float) -> FloatArray
 
 
 _FOLLOW = _follow_share(1.0, 1.0)
-STARTLED_FILTER_GAIN = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
+STARTLE_FILTER_GAIN = _follow_share(STARTLE_ACCELERATION_FACTOR, STARTLE_SPEED_FACTOR)
 """Filter gain (20,) of joints of startled people in 10 ms, see ``_follow_share``."""
 _WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_y", "head_x"))
 _PHYSIOLOGICAL = np.array(
@@ -228,7 +228,7 @@ def set_goal_angles(state: MotorState, goal_rad: FloatArray, startled: BoolArray
     factor, filter_gain = state.speed_factor, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
         factor = xp.where(startled, STARTLE_SPEED_FACTOR, factor)
-        filter_gain = xp.where(startled[:, None], constant_like(STARTLED_FILTER_GAIN, goal_rad), filter_gain)
+        filter_gain = xp.where(startled[:, None], constant_like(STARTLE_FILTER_GAIN, goal_rad), filter_gain)
     varying = NOISE_FREE_SPEED_SHARE * (1.0 + SPEED_NOISE_SHARE * _noise(state))
     return replace(
         state,

@@ -1,4 +1,4 @@
-"""The control loop: steps N worlds in environments, training, evaluation, live sessions and replay."""
+"""The control loop steps N worlds. Environments, training, evaluation, live sessions and replay use it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

@@ -188,7 +188,7 @@ class RobotClearance:
     def min_distance_m(
         self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
     ) -> FloatArray:
-        """Returns the smallest distance (N, M) in metres from person or furniture; negative for an overlap.
+        """Returns the smallest distance (N, M) in metres between the arm and person or furniture; negative: overlap.
 
         Args:
             joint_positions: M arm poses (N, M, J), joints of ``placement.planning_chain``.

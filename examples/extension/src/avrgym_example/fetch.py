@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
+from avrgym.models.robot import BaseRange, Grip, Mount, Robot, arm_with_servo_gains
 from avrgym.models.urdf import Urdf
 from avrgym.robots.rtb_data import rtb_data_path
 
@@ -43,7 +43,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED, TORQUE = FETCH_URDF.limits(JOINTS)
 SEED_POSE_DEG = (0.0, 0.0, 0.0, 90.0, 0.0, -90.0, 0.0)
-_ARM = tuned_arm(
+_ARM = arm_with_servo_gains(
     build, JOINTS, "gripper_link", np.radians(SEED_POSE_DEG), speed_limit=SPEED, effort_limit=TORQUE
 )
 

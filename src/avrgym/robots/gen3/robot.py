@@ -5,7 +5,7 @@ from importlib.resources import files
 import mujoco
 import numpy as np
 
-from avrgym.models.robot import Robot, tuned_arm
+from avrgym.models.robot import Robot, arm_with_servo_gains
 from avrgym.robots.mounts import mounts_on_furniture
 from avrgym.robots.parallel_gripper import SPOON_ROTATION, parallel_grips
 from avrgym.robots.rtb_data import rtb_data_path
@@ -29,7 +29,7 @@ SPEED_LIMIT_DEG_S = 50.0
 TORQUE_LIMITS_N_M = (39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0)
 """Limits of Kinova's description (GEN3_URDF_V12)."""
 SEED_POSE_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
-_ARM = tuned_arm(
+_ARM = arm_with_servo_gains(
     build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG),
     speed_limit=np.radians(SPEED_LIMIT_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
 )  # fmt: skip

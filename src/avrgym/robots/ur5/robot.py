@@ -8,7 +8,7 @@ import numpy as np
 
 from avrgym.geometry import transforms
 from avrgym.models.body_names import Side
-from avrgym.models.robot import SIDES, Arm, Robot, tuned_arm
+from avrgym.models.robot import SIDES, Arm, Robot, arm_with_servo_gains
 from avrgym.robots.mounts import STAND_BODY, STAND_HALF_WIDTH_M, add_stand, mount_next_to_person
 from avrgym.robots.parallel_gripper import parallel_grips
 from avrgym.robots.rtb_data import add_meshes
@@ -40,7 +40,7 @@ SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
 
 
 def _arm(side: Side) -> Arm:
-    return tuned_arm(
+    return arm_with_servo_gains(
         build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG[side]),
         speed_limit=np.radians(SPEED_LIMITS_DEG_S), effort_limit=TORQUE_LIMITS_N_M,
     )  # fmt: skip

@@ -25,7 +25,7 @@ from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
 HAND_START_POS_W = (-0.2, -0.5, 1.0)
-MAX_HAND_OFFSET_M = 0.05
+MAX_START_HAND_OFFSET_M = 0.05
 CUP_START_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the cup: upright, the pouring edge towards the person."""
 
@@ -40,7 +40,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialSt
 
     The cup is upright.
     """
-    hand = constant_like(np.array(HAND_START_POS_W), uniforms) + MAX_HAND_OFFSET_M * (
+    hand = constant_like(np.array(HAND_START_POS_W), uniforms) + MAX_START_HAND_OFFSET_M * (
         2.0 * uniforms[:, 0:3] - 1.0
     )
     tool, upright = placement.tool_pose_in_hand(scene, hand, CUP_START_Q_W)

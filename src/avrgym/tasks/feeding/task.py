@@ -26,7 +26,7 @@ from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 from avrgym.tasks.task import WHEELCHAIR_SIDE_VIEW, Task, View, Views
 
 MAX_BOWL_OFFSET_M = 0.05
-MAX_HAND_OFFSET_M = 0.05
+MAX_START_HAND_OFFSET_M = 0.05
 BOWL_TO_HAND_OFFSET_M = np.array([0.0, -0.1, 0.4])
 SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
 """Yaw of the spoon relative to the face: with its tip first, or with its left side first."""
@@ -52,7 +52,7 @@ def start(
     hand = (
         bowl
         + constant_like(BOWL_TO_HAND_OFFSET_M, uniforms)
-        + MAX_HAND_OFFSET_M * (2.0 * uniforms[:, 3:6] - 1.0)
+        + MAX_START_HAND_OFFSET_M * (2.0 * uniforms[:, 3:6] - 1.0)
     )
     tool, level = placement.tool_pose_in_hand(scene, hand, SPOON_START_Q_W)
     placed = {BOWL_BODY: bowl}

@@ -35,7 +35,7 @@ from avrgym.tasks.scratch_itch.reward import (
 from avrgym.tasks.task import Marks, Task, View, Views
 
 HAND_START_POS_W, MOBILE_HAND_START_POS_W = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
-MAX_HAND_OFFSET_M = 0.05
+MAX_START_HAND_OFFSET_M = 0.05
 SCRATCHER_START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
 """Initial rotation of the scratcher. It points 45° upwards to the person's shoulder, past the elbow."""
 
@@ -59,7 +59,7 @@ def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialSt
     The goals of the base search are shoulder, elbow and wrist.
     """
     place = MOBILE_HAND_START_POS_W if scene.mount.on_floor else HAND_START_POS_W
-    hand = constant_like(np.array(place), uniforms) + MAX_HAND_OFFSET_M * (2.0 * uniforms[:, 0:3] - 1.0)
+    hand = constant_like(np.array(place), uniforms) + MAX_START_HAND_OFFSET_M * (2.0 * uniforms[:, 0:3] - 1.0)
     tool, tool_q = placement.tool_pose_in_hand(scene, hand, SCRATCHER_START_Q_W)
     goals = placement.right_arm_joints_w(people, scene.posture)
     goals_q = namespace(goals).tile(constant_like(SCRATCHER_START_Q_W, goals), (*goals.shape[:2], 1))

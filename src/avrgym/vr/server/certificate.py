@@ -51,13 +51,13 @@ def _lan_addresses() -> tuple[str, ...]:
 def load_or_create_certificate(names: Sequence[str], folder: Path) -> Certificate:
     """Returns the certificate in a folder. Creates a new one if it is missing, expires soon or lacks a name."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    found = certificate_paths(folder, names)
+    found = certificate_in_folder(folder, names)
     if renewal_reason(found) is not None:
         _make(found)
     return found
 
 
-def certificate_paths(folder: Path, names: Sequence[str]) -> Certificate:
+def certificate_in_folder(folder: Path, names: Sequence[str]) -> Certificate:
     """Returns a certificate with these names and with paths in this folder. The files need not exist."""
     return Certificate(folder / "certificate.pem", folder / "key.pem", tuple(names))
 

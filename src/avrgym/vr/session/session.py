@@ -230,7 +230,7 @@ class Session:
             storage.attempt.submit_records()
 
     def wait_for_writes(self) -> None:
-        """Wait until most records are written. For sessions faster than real time."""
+        """Wait until most records are written. Sessions that run faster than real time need this."""
         if self.attempt is not None:
             self.attempt.wait_for_writes()
 

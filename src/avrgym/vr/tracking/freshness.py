@@ -46,6 +46,6 @@ class MeasurementTimes:
 
 
 def is_moved_by_mouse(frame: Tracking, part: TrackedBodyPart) -> bool:
-    """Returns whether a mouse moves a part: a hand by its modality, and the head together with either hand."""
+    """Returns whether a mouse moves a body part: a hand with the modality ``mouse``, or the head if it moves a hand."""
     modalities = {"left": frame.left_modality, "right": frame.right_modality}
     return modalities[part] == "mouse" if part != "head" else "mouse" in modalities.values()

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from avrgym.geometry import transforms
-from avrgym.models.robot import BaseRange, Grip, Mount, Robot, tuned_arm
+from avrgym.models.robot import BaseRange, Grip, Mount, Robot, arm_with_servo_gains
 
 JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
@@ -26,7 +26,7 @@ def fingers(opening_m: float) -> dict[str, float]:
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 
-_ARM = tuned_arm(
+_ARM = arm_with_servo_gains(
     build,
     JOINTS,
     "hand",

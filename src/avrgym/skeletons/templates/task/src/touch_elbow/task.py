@@ -33,7 +33,10 @@ TOOL_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi)
 
 @dataclass(frozen=True)
 class TouchState:
-    """Number of control steps with contact at the elbow (N,)."""
+    """State of the task in N worlds.
+
+    ``touches``: number (N,) of control steps with contact at the elbow.
+    """
 
     touches: IntArray
 
