@@ -98,7 +98,7 @@ def test_trials_with_excess_tracking_loss_are_excluded(tmp_path: Path) -> None:
     assert problem["where"] == second["recording"]
     (finding,) = findings
     assert (finding.where, finding.is_error) == (f"{pseudonym}, trial 2", False)
-    assert "held for 100.0 %" in finding.message
+    assert "tracking was lost for 100.0 %" in finding.message
 
 
 def test_design_without_a_limit_counts_all_trials(tmp_path: Path) -> None:
