@@ -81,7 +81,9 @@ OF_A_STUDY = [
 ]
 REBUILD = ["study", "rebuild", "study"]
 ELSEWHERE = {
+    ("bench", "cameras"),
     ("demo",),
+    ("demonstrate",),
     ("sweep",),
     ("study", "consent"),
     ("study", "functioning"),
@@ -149,7 +151,7 @@ def test_every_command_has_help(lab: Path) -> None:
     said = run(lab, *([*words, "--help"] for words in leaves(get_command(app))))
     assert said.count("Usage: ") == len(list(leaves(get_command(app))))
     assert "Usage: avrgym" in called(lab, lab / "env" / "bin" / "avrgym", "--help")
-    assert "faults: 0" in called(lab, lab / "env" / "bin" / "avrgym", "doctor")
+    assert "errors: 0" in called(lab, lab / "env" / "bin" / "avrgym", "doctor")
 
 
 def test_skeletons_can_be_installed_and_used(lab: Path) -> None:

@@ -4,14 +4,17 @@ from dataclasses import replace
 
 import pytest
 
+from avrgym.learning import configuration as learning_configuration
 from avrgym.learning import training
 
 
 def shorten_training(patch: pytest.MonkeyPatch) -> None:
     """Make trainings use two worlds, one epoch and one evaluation episode."""
-    usual = training.configuration_for
+    usual = learning_configuration.configuration_for
     little = {"num_envs": 2, "batch_size": 100, "n_epochs": 1}
     patch.setattr(
-        training, "configuration_for", lambda *given, **named: replace(usual(*given, **named), **little)
+        learning_configuration,
+        "configuration_for",
+        lambda *given, **named: replace(usual(*given, **named), **little),
     )
     patch.setattr(training, "EVALUATION_EPISODES", 1)
