@@ -1,29 +1,17 @@
 """The experimenter's page of a hosted study in a browser."""
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize, expect, sync_playwright
+from playwright.sync_api import Browser, Page, ViewportSize, expect
 
-from avrgym.vr.emulation.emulated_headset import CHROMIUM_FLAGS, find_chromium
 from helpers.browser.accessibility import violations
-from helpers.browser.journey import TIMEOUT_S
 from helpers.browser.staged_page import StagedPage
 
 pytestmark = pytest.mark.slow
 PHONE = ViewportSize(width=390, height=844)
 DESKTOP = ViewportSize(width=1440, height=900)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    expect.set_options(timeout=1000 * TIMEOUT_S)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-        yield browser
-        browser.close()
 
 
 def session_rows() -> list[dict]:

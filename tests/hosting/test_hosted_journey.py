@@ -1,10 +1,9 @@
 """The way of a participant in a browser with an emulated headset, and the experimenter's pages."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Browser, ViewportSize, expect, sync_playwright
+from playwright.sync_api import Browser, ViewportSize, expect
 
 from avrgym.hosting.computers import ThisComputer
 from avrgym.hosting.host import Host
@@ -13,10 +12,8 @@ from avrgym.study.storage.store import Store
 from avrgym.tasks.registry import ENVIRONMENTS
 from avrgym.texts.interface_texts import ENGLISH_TEXTS
 from avrgym.vr.emulation.emulated_headset import (
-    CHROMIUM_FLAGS,
     DONE_BUTTON,
     EmulatedHeadset,
-    find_chromium,
 )
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from helpers.browser.accessibility import violations
@@ -38,15 +35,6 @@ TEXTS = ENGLISH_TEXTS.page
 ANSWERS = {"L1": 7, "L2": 6, "L3": 5, "L4": 4}
 PHONE = ViewportSize(width=390, height=844)
 DESKTOP = ViewportSize(width=1440, height=900)
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    expect.set_options(timeout=1000 * TIMEOUT_S)
-    with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=find_chromium(), args=list(CHROMIUM_FLAGS))
-        yield browser
-        browser.close()
 
 
 class HomeHeadset(EmulatedHeadset):
