@@ -308,4 +308,4 @@ def test_a_pair_of_groups_is_estimated_against_each_other_only_if_both_are_there
     found = estimate_effects(DESIGN, ORDINAL_MODEL, observed, [Effect(POLICY_EFFECT, "revised", "original")])
     (reason,) = found.values()
     assert isinstance(reason, ModelFitError)
-    assert str(reason) == "the effect is not identifiable from these trials"
+    assert str(reason) == "the effect is not identifiable from these trials; use the test by participant"

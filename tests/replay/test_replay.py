@@ -245,7 +245,7 @@ def test_the_command_tells_what_agreed_or_differs(
     assert bad.exit_code == 1
     assert "1 of" in bad.stdout
     assert "qpos" in bad.stdout
-    assert "although their versions" in bad.stderr
+    assert "although both have" in bad.stderr
 
     other = Versions("0.1.0", "3.3.7")
     older = avrgym(written(bent, tmp_path / "older.mcap", versions=other), "--verify")
@@ -298,7 +298,7 @@ def test_the_command_answers_mistakes_in_one_line(tmp_path: Path, paths: list[Pa
         ((tmp_path / "none.mcap", "--verify"), "none.mcap"),
         ((tmp_path / "text.mcap", "--verify"), "not a recording"),
         ((tmp_path / "text.mcap",), "give one of the .mcap files that `avrgym serve` writes"),
-        ((tmp_path / "study",), "study: a folder; give one of the .mcap files"),
+        ((tmp_path / "study",), "study is a folder; give one of the .mcap files"),
         ((incomplete, "--verify"), f"{incomplete}: the recording is truncated before its first state"),
         ((paths[-1], "--first-person"), "needs --video, --gif or --frames"),
         ((paths[-1], "--frames", 4), "must be given together"),

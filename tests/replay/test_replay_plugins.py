@@ -55,7 +55,7 @@ def test_a_recording_stores_its_plug_ins_and_verifies(recording: Recording) -> N
 
 def test_a_difference_without_a_reason_stays_an_error(recording: Recording) -> None:
     found = verify(with_other_states(recording))
-    with pytest.raises(ReplayError, match="although their versions are equal"):
+    with pytest.raises(ReplayError, match="although both have the same versions"):
         command._print_differences(found)
 
 

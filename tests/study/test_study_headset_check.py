@@ -126,5 +126,5 @@ def test_check_after_the_session_is_rejected(tmp_path: Path) -> None:
     with Store(make_study(tmp_path / "study")) as store:
         with StudyVisit(store, enrol_included(store)) as visit:
             pass
-        with pytest.raises(Exception, match="must be open"):
+        with pytest.raises(Exception, match="allowed: an open session"):
             store_headset_check(store, visit.stored.id, CHECK)

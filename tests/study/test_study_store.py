@@ -305,7 +305,11 @@ def test_session_rejects_actions_out_of_order(store: Store) -> None:
         "reward is nan; allowed",
     )
     complete_attempt(store, attempt.id, METRICS)
-    refused(store, lambda: complete_attempt(store, attempt.id, METRICS), "is completed; it must be running")
+    refused(
+        store,
+        lambda: complete_attempt(store, attempt.id, METRICS),
+        "is completed; allowed: a running attempt",
+    )
 
 
 @pytest.mark.fast_cases(8)

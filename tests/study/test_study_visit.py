@@ -274,7 +274,7 @@ def test_nothing_is_stored_after_withdrawal_by_another_process(
         attended.send(Ready())
         attended.tick(5)
         assert attended.phase == "paused"
-        assert "is closed; it must be open" in attended.problems[-1]
+        assert "is closed; allowed: an open session" in attended.problems[-1]
     assert states(store) == ["stopped"]
 
 

@@ -206,7 +206,8 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
     targets = recording.messages_by_topic["/body_targets"]
     if not begins or not control or not targets or targets[0][0] > begins[0]:
         raise ValueError(
-            "the recording has no trial phase, no control steps, or no joint targets at the start of the trial"
+            "the recording has no trial phase, no control steps, or no joint targets at the start of the trial; "
+            "allowed: recordings with all three"
         )
     times_ns = np.array([time_ns for time_ns, _ in targets])
     first = int(np.searchsorted(times_ns, begins[0], side="right")) - 1

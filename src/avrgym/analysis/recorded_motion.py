@@ -63,7 +63,8 @@ def read_recorded_motion(participant: str, recording: Recording) -> RecordedMoti
     count = int(control[-1][0] / 1e9 / PHYSICS_STEP_S + 1e-6) // DEFAULT_SUBSTEPS if control else 0
     if not begins or not targets or len(states) < count * DEFAULT_SUBSTEPS or count < MIN_MOTION_SAMPLES:
         raise ValueError(
-            "the recording contains no simulation states, no joint targets or less than 2 s of motion"
+            "the recording contains no simulation states, no joint targets or less than 2 s of motion; "
+            "allowed: recordings with states, targets and at least 2 s of motion"
         )
     task, scene = task_and_scene(recording.configuration.environment)
     simulation = rebuild_world(recording.configuration).simulation

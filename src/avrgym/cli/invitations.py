@@ -107,8 +107,10 @@ def _read_labels(path: Path) -> list[str]:
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = csv.DictReader(file)
         if "label" not in (rows.fieldnames or ()):
-            raise ValueError(f"{path} has no column label; its first row must contain the column names")
+            raise ValueError(
+                f"{path} has no column 'label'; allowed: a CSV file with 'label' in its first row"
+            )
         labels = [(row["label"] or "").strip() for row in rows]
     if not labels or not all(labels):
-        raise ValueError(f"{path} must contain a label in each row")
+        raise ValueError(f"{path}: a row has no label; allowed: a label in each row")
     return labels

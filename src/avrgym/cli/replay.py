@@ -129,7 +129,7 @@ def _read(file: Path) -> "Recording":
     from avrgym.replay.playback import title
 
     if file.is_dir():
-        raise ValueError(f"{file}: a folder; {RECORDINGS_HINT}")
+        raise ValueError(f"{file} is a folder; {RECORDINGS_HINT}")
     if not file.is_file():
         _fetch(file)
     recording = read_recording(file)
@@ -198,7 +198,8 @@ def _print_differences(found: "Verification") -> None:
         return
     if found.same_versions:
         raise ReplayError(
-            f"the replay differs from the recording, although their versions are equal: {found.recorded_with}"
+            f"the replay differs from the recording, although both have the same versions: {found.recorded_with}; "
+            "restore a backup of the recording, or report this error"
         )
     print_line(f"The trial was recorded with {found.recorded_with}; the installed versions are {versions()}.")
 

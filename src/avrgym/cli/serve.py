@@ -456,4 +456,4 @@ def wait_for_server(server: "LiveServer[Any]") -> None:
     except KeyboardInterrupt:
         print_line("stopped")
     if server.loop.error is not None:
-        raise RuntimeError(f"the simulation failed: {server.loop.error!r}")
+        raise RuntimeError(f"the simulation failed: {server.loop.error!r}; restart the server")

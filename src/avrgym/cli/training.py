@@ -304,7 +304,10 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
 
     configuration = read_configuration(folder)
     if configuration.environment != env:
-        raise ValueError(f"{folder} contains a training run of {configuration.environment}, not of {env}")
+        raise ValueError(
+            f"{folder} contains a training run of {configuration.environment}, not of {env}; allowed: "
+            f"{configuration.environment}, or another --out"
+        )
     recurrent = isinstance(configuration, RecurrentConfiguration)
     visual = isinstance(configuration, VisualConfiguration)
     fits = {
@@ -315,7 +318,9 @@ def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
         PAIR: not recurrent and not visual and configuration.pairing,
     }
     if not fits[recipe]:
-        raise ValueError(f"{folder} contains no training run with --recipe {recipe}")
+        raise ValueError(
+            f"{folder} contains no training run with --recipe {recipe}; omit --recipe to continue its training run"
+        )
     return configuration
 
 

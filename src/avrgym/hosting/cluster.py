@@ -71,8 +71,8 @@ class RayNodes:
             )
         if cluster.has_remote_nodes() and urlsplit(url).hostname in (*LOOPBACK_HOSTS, "", None):
             raise StudyError(
-                "the nodes of the cluster cannot reach the database at this address; allowed: an address of this "
-                "computer in their network, such as postgresql://user@10.0.0.1/name"
+                "the database URL contains a loopback address, which other nodes of the cluster cannot reach; allowed: "
+                "an address of this computer in their network, such as postgresql://user@10.0.0.1/name"
             )
         self._store, self._nodes, self._asked_s = store, dict[str, RayNode](), -NODES_INTERVAL_S
 

@@ -32,7 +32,7 @@ def add_session_pages(app: FastAPI, pool: SessionPool, path: str = "") -> None:
     @app.get("/session/{session_id}/assets/{name}")
     async def session_file(session_id: str, name: str) -> Response:
         if "/" in name or not (STATIC_FOLDER / "assets" / name).is_file():
-            raise HTTPException(404, "no such file")
+            raise HTTPException(404, f"no file {name}; reload the page")
         return FileResponse(STATIC_FOLDER / "assets" / name)
 
     app.get("/session/{session_id}/favicon.svg")(make_page_endpoint("favicon.svg"))
@@ -53,7 +53,7 @@ FORWARDED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
 def _passed_on(address: tuple[str, int], path: str, request: Request) -> Response:
     """Returns the response of the session's server."""
     if not all(character.isalnum() or character in "/._-" for character in path):
-        raise HTTPException(404, "no such file")
+        raise HTTPException(404, f"no file {path}; reload the page")
     headers = {name: request.headers[name] for name in FORWARDED_REQUEST_HEADERS if name in request.headers}
     headers["host"] = f"localhost:{address[1]}"
     connection = HTTPConnection(*address, timeout=SESSION_RESPONSE_TIMEOUT_S)

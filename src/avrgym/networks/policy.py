@@ -217,7 +217,7 @@ class Policy:
         """
         path = Path(path)
         if path.exists() and not overwrite:
-            raise PolicyError(f"{path}: already exists; choose another name, or pass overwrite=True")
+            raise PolicyError(f"{path} already exists; choose another name, or pass overwrite=True")
         version = FORMAT_VERSION if self.memory is None else RECURRENT_FORMAT_VERSION
         if self.vision is not None:
             version = VISUAL_FORMAT_VERSION

@@ -165,7 +165,8 @@ def import_registered_controller(name: str) -> ExternalController:
         found = entry.load()
     except (Exception, SystemExit) as error:  # a package may raise anything
         raise PolicyError(
-            f"{plugins.describe_entry_point(entry)}: cannot be imported ({_error_text(error)})"
+            f"{plugins.describe_entry_point(entry)}: cannot be imported ({_error_text(error)}); correct the error in "
+            "the package, or uninstall the package"
         ) from error
     return _external(name, found, plugin_of_entry_point("controller", name, entry))
 

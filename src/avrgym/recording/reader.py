@@ -129,7 +129,7 @@ def _header(path: str | os.PathLike[str], records: Iterable[mcap_records.McapRec
                 return RecordingHeader(configuration_from_metadata(metadata[CONFIGURATION_RECORD]), began_at)
             except (KeyError, TypeError, ValueError) as error:
                 raise RecordingError(
-                    f"{path}: the configuration in this recording is not valid: {error}"
+                    f"{path}: the configuration in this recording is not valid: {error}; restore a backup"
                 ) from error
     raise RecordingError(f"{path}: {_NO_RECORDING}")
 

@@ -29,7 +29,7 @@ def rebuild_world(configuration: TrialConfiguration, *, by_region: bool = False)
         )
         episodes.reset_to_start(configuration.episode_start)
     except KeyError as error:
-        raise ValueError(f"the initial state in the recording lacks {error}") from error
+        raise ValueError(f"the initial state in the recording lacks {error}; restore a backup") from error
     except (TypeError, ValueError) as error:
         raise ValueError(f"the recorded world cannot be created: {error}") from error
     return episodes

@@ -82,7 +82,9 @@ class RecordingWriter:
             allowed = ", ".join(f"{name}: {kind.__name__}" for name, kind in TOPICS.items())
             raise RecordingError(f"no topic {topic!r} for {type(record).__name__}; allowed: {allowed}")
         if self._disk.closed:
-            raise RecordingError(f"{self.path} is closed; a record of {topic} cannot be written")
+            raise RecordingError(
+                f"{self.path} is closed and cannot store a record of {topic}; write records before close()"
+            )
         if self._failure is None and self._queue.qsize() >= MAX_QUEUED_MESSAGES:
             self._failure = RecordingError(
                 f"{self.path}: a record was lost: the disk is too slow; use a faster disk"

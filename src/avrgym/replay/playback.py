@@ -69,7 +69,7 @@ class Playback:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
         """
         if not recording.messages_by_topic["/physics"]:
-            raise ReplayError("the recording is truncated before its first state; it cannot be replayed")
+            raise ReplayError("the recording is truncated before its first state; restore a backup")
         self.recording = recording
         _check_world_version(recording)
         try:

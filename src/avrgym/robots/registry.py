@@ -28,7 +28,7 @@ def register_robot(robot: Robot) -> None:
         ValueError: if the name is already registered, or the record is invalid. The registry does not change.
     """
     if robot.name in _robots:
-        raise ValueError(f"a robot with the name {robot.name} is already registered; allowed: another name")
+        raise ValueError(f"a robot with the name {robot.name} is already registered; choose another name")
     check_robot(robot)
     _robots[robot.name] = robot
 

@@ -45,7 +45,9 @@ def lock_number(path: Path, number: int, wait_s: float) -> Generator[None]:
                 break
             except (BlockingIOError, PermissionError):
                 if time.monotonic() > ends_s:
-                    raise TimeoutError(f"another process has locked number {number} in {path}") from None
+                    raise TimeoutError(
+                        f"another process has locked number {number} in {path}; wait for it, then try again"
+                    ) from None
                 time.sleep(RETRY_INTERVAL_S)
         yield
 

@@ -44,7 +44,7 @@ class TaskRegistry:
             ValueError: if the name or an environment id is in use, or if no robot is suitable. Nothing is added.
         """
         if task.name in self.tasks:
-            raise ValueError(f"a task with the name {task.name} is already registered; allowed: another name")
+            raise ValueError(f"a task with the name {task.name} is already registered; choose another name")
         suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
         if not suited:
             raise ValueError(
@@ -53,7 +53,7 @@ class TaskRegistry:
         made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)
         if taken:
-            raise ValueError(f"the environment id {taken} is already in use; allowed: another task name")
+            raise ValueError(f"the environment id {taken} is already in use; choose another task name")
         self.tasks[task.name] = task
         self.environments |= made
 

@@ -239,7 +239,7 @@ class Task:
             )
         if self.hyperparameters.get("detour_weight_per_m") and self.detour_m is None:
             raise ValueError(
-                f"task {self.name} has the hyperparameter detour_weight_per_m, but no detour_m; add detour_m"
+                f"task {self.name} has the hyperparameter detour_weight_per_m, but no function detour_m; add it"
             )
         if self.memory_expert is not None:
             self._check_part("memory_expert", callable(self.memory_expert), "function")

@@ -72,7 +72,9 @@ class DesignMatrix:
             if group in self.column_groups:
                 weights[self.column_groups.index(group)] = sign
             elif group not in self.reference_groups:
-                raise ModelFitError("the effect is not identifiable from these trials")
+                raise ModelFitError(
+                    "the effect is not identifiable from these trials; use the test by participant"
+                )
         return weights
 
 

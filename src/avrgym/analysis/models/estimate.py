@@ -36,7 +36,9 @@ class EffectEstimate:
         0.
         """
         if not variance > 1e-16 * max(1.0, value**2):
-            raise ModelFitError("all participants have the same difference: its variance is zero")
+            raise ModelFitError(
+                "all participants have the same difference: its variance is zero; use the test by participant"
+            )
         error = float(np.sqrt(variance))
         half = float(stats.t.ppf(0.5 + CONFIDENCE_LEVEL / 2, df)) * error
         p = 2.0 * float(stats.t.sf(abs(value) / error, df))

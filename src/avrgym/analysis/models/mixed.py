@@ -110,7 +110,8 @@ def fit_mixed_model(
         raise ModelFitError("all values are equal")
     if np.linalg.matrix_rank(design_matrix) < design_matrix.shape[1] or len(given) <= design_matrix.shape[1]:
         raise ModelFitError(
-            "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values"
+            "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values; "
+            "use the test by participant"
         )
     scale = float(given.std())
     own = list(_clusters(given / scale, design_matrix, np.asarray(clusters), groupings))

@@ -85,7 +85,7 @@ def clustered_covariance(scores: FloatArray, information: FloatArray, correction
     shares, axes = np.linalg.eigh(leverage)
     left = 1.0 - shares
     if correction and left.min() < 1e-9:
-        raise ModelFitError("one participant alone determines an effect")
+        raise ModelFitError("one participant alone determines an effect; use the test by participant")
     along: FloatArray = np.einsum("cij,ci->cj", axes, scores @ root) * left**-correction
     corrected: FloatArray = np.einsum("cij,cj->ci", axes, along) @ root.T
     return corrected.T @ corrected
@@ -116,7 +116,8 @@ def _most_likely(answered: IntArray, design: FloatArray, thresholds: int) -> Flo
         if np.abs(parameters[thresholds:]).max(initial=0.0) > MAX_LOG_ODDS:
             break
     raise ModelFitError(
-        "complete separation: all values of a group are at one end of the scale; its effect is unbounded"
+        "complete separation: all values of a group are at one end of the scale, so its effect is unbounded; "
+        "use the test by participant"
     )
 
 

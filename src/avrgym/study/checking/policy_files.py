@@ -97,7 +97,9 @@ def _decoded(event: StudyEvent) -> list[PolicyFile]:
     try:
         return msgspec.json.decode(event.detail, type=list[PolicyFile])
     except msgspec.DecodeError as error:
-        raise StudyError(f"the study's database: event {event.id} is damaged: {error}") from error
+        raise StudyError(
+            f"the study's database: event {event.id} is damaged: {error}; restore a backup"
+        ) from error
 
 
 def check_used_policies(store: Store) -> Iterator[Finding]:

@@ -306,7 +306,7 @@ def _check_settings(environment: str, design: Design) -> None:
         drawn = [each for each in PERSON_SETTINGS if each in settings.changed_values]
         if drawn:
             raise ValidationError(
-                (*place, drawn[0]), "participants have their own bodies; remove this setting of the body"
+                (*place, drawn[0]), "participants have their own bodies; remove this setting of the person"
             )
         try:
             task_and_scene(environment, settings)
@@ -320,12 +320,14 @@ def _check_conditions(design: Design) -> None:
         if "control_hz" in rules.settings.changed_values:
             raise ValidationError(
                 (*place, "settings", "control_hz"),
-                "the trials of all conditions have the same rate; allowed: control_hz in [settings]",
+                "the trials of all conditions have the same control rate; allowed: control_hz in [settings]",
             )
         check_known_name(place, name, (*design.policies, design.practice_policy))
         check_name_pattern((*place, "policy"), rules.policy, _POLICY, "the name of a policy")
         if rules.policy in design.conditions:
-            raise ValidationError((*place, "policy"), f"{rules.policy!r} is a condition; allowed: a policy")
+            raise ValidationError(
+                (*place, "policy"), f"{rules.policy!r} is a condition; allowed: the name of a policy"
+            )
         for field in ("commands", "sources"):
             check_unique_names((*place, field), getattr(rules, field))
         try:

@@ -302,7 +302,9 @@ def add_note(store: Store, pseudonym: str, text: str, session: int | None = None
         participant = find_participant(connection, pseudonym)
         own = find_rows(connection, StudySession, participant=participant.number)
         if session is not None and session not in {visit.id for visit in own}:
-            raise StudyError(f"session {session} is not a session of {participant}")
+            raise StudyError(
+                f"session {session} is not a session of {participant}; the dashboard lists their sessions"
+            )
         note = {
             "written_at": utc_timestamp(),
             "participant": participant.number,

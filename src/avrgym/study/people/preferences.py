@@ -19,7 +19,9 @@ def record_preferences(store: Store, pseudonym: str, preferences: Preferences) -
         try:
             apply_preferences(rules, preferences)
         except ValueError as error:
-            raise StudyError(f"the preferences contradict the condition {name}: {error}") from error
+            raise StudyError(
+                f"the preferences contradict the condition {name}: {error}. Nothing was stored"
+            ) from error
     with store.write_transaction() as connection:
         record_event_value(connection, pseudonym, PREFERENCES_RECORDED_EVENT, preferences)
 

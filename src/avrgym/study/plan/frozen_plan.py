@@ -87,7 +87,9 @@ def freeze_plan(store: Store, available_tests: AvailableTests) -> FrozenPlanReco
     """
     _, text = read_plan(store.folder, store.design, available_tests)
     for name, fault in policy_errors(store):
-        raise StudyError(f"nothing was frozen: policy {name}: {fault}")
+        raise StudyError(
+            f"nothing was frozen: policy {name}: {fault}; correct the policy file, or policies in study.toml"
+        )
     record = _record(store, text)
     data = msgspec.json.format(msgspec.json.encode(record), indent=1) + b"\n"
     path = store.folder / FROZEN_PLAN_FILE

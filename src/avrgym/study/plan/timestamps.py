@@ -142,7 +142,7 @@ def verify_time_stamp(data: bytes, record: bytes) -> TimeStamp:
         response = decode_timestamp_response(sort_certificates(data))
         embedded = [x509.load_der_x509_certificate(each) for each in response.signed_data.certificates]
     except (ValueError, IndexError) as error:
-        raise StudyError(f"not a time stamp (RFC 3161, a .tsr file): {error}") from None
+        raise StudyError(f"not a time stamp: {error}; allowed: a .tsr file (RFC 3161)") from None
     known = [each for each in _system_roots() if _may_sign(each, embedded)]
     own = [each for each in embedded if each.issuer == each.subject]
     fault = "no root certificate is in the file or on this computer"

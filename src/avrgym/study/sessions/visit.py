@@ -473,6 +473,4 @@ class EventRecorder:
             if attempt.trial == trial.id and attempt.state == "completed":
                 self._upload(attempt)
                 return attempt.id
-        raise StudyError(
-            f"trial {number} has no attempt for this answer; allowed: answers about completed trials"
-        )
+        raise StudyError(f"trial {number} has no completed attempt; allowed: answers about completed trials")

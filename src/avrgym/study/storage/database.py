@@ -147,7 +147,9 @@ class Database:
                 if self.is_sqlite or not self._was_reached:
                     raise
                 if time.monotonic() > ends_s:
-                    raise LostConnectionError(f"the study's database: {error.orig or error}") from error
+                    raise LostConnectionError(
+                        f"the study's database cannot be reached: {error.orig or error}; check the database server"
+                    ) from error
             time.sleep(RECONNECT_INTERVAL_S)
 
     def reconcile_participation(self) -> None:

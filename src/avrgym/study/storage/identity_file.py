@@ -248,7 +248,7 @@ def encrypt_identity_file(folder: Path, key_source: KeySource, present: Mapping[
     lacking = sorted(set(_read_plain(plain)) - set(present)) if plain else []
     if lacking:
         raise StudyError(
-            f"{plain} contains {', '.join(lacking)}, but {ENCRYPTED_FILE} does not: find and correct the cause. "
+            f"{plain} contains {', '.join(lacking)}, but {ENCRYPTED_FILE} does not; restore a backup of both files. "
             "Nothing was changed"
         )
     _write(folder, _NEW, encode_identity_file(encrypt_identities(folder, key_source, present)))

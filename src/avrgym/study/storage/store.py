@@ -331,7 +331,7 @@ def find_open_session(connection: sa.Connection, session_id: int) -> StudySessio
     """Returns the session with this id. Raises ``StudyError`` if it is not open."""
     session = find_session(connection, session_id)
     if session.state != "open":
-        raise StudyError(f"{session} is {session.state}; it must be open")
+        raise StudyError(f"{session} is {session.state}; allowed: an open session")
     return session
 
 
@@ -339,7 +339,7 @@ def find_running_attempt(connection: sa.Connection, attempt_id: int) -> TrialAtt
     """Returns the attempt with this id. Raises ``StudyError`` if it is not running."""
     attempt = find_row(connection, TrialAttempt, f"attempt {attempt_id}", id=attempt_id)
     if attempt.state != "running":
-        raise StudyError(f"{attempt} is {attempt.state}; it must be running")
+        raise StudyError(f"{attempt} is {attempt.state}; allowed: a running attempt")
     return attempt
 
 

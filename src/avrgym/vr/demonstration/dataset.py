@@ -85,5 +85,5 @@ def _read(source: Path, row: dict[str, str]) -> Recording:
     """Returns the recording of a row. Raises ``RecordingError`` if it is incomplete."""
     recording = read_recording(source / row["recording"])
     if not recording.complete:
-        raise RecordingError("the recording is incomplete")
+        raise RecordingError("the recording is incomplete; allowed: complete recordings")
     return recording

@@ -250,7 +250,8 @@ class BrowserClient:
             self._notice(phase, now)
             if now - self._changed_s > MAX_PHASE_S:
                 raise TimeoutError(
-                    f"the session is still in phase {self._phase[0]!r} after {MAX_PHASE_S:.0f} s"
+                    f"the session has been in phase {self._phase[0]!r} for {MAX_PHASE_S:.0f} s, the maximum; read the "
+                    "server's messages, then start again"
                 )
             self._act(question, now)
             time.sleep(FRAME_INTERVAL_S)

@@ -82,7 +82,7 @@ def create_app(
             raise HTTPException(401, "the request has no valid token; send one in the Authorization header")
         known, version = loop.session.scenes, f'"{start}-{number}"'
         if not 0 <= number < len(known):
-            raise HTTPException(404, f"no scene {number}; the number of scenes is {len(known)}")
+            raise HTTPException(404, f"no scene {number}; allowed: 0 to {len(known) - 1}")
         caching = {"etag": version, "cache-control": "private, no-cache", "vary": "authorization"}
         if request.headers.get("if-none-match") == version:
             return Response(status_code=304, headers=caching)
