@@ -1,6 +1,7 @@
-"""Many participants of a hosted study at the same time: with killed sessions, a killed host and a restarted database.
+"""Many participants of a hosted study at the same time, while processes and services fail.
 
-Run one with other numbers: ``python tests/soak/soak_host.py PARTICIPANTS KILLS HOST_KILLS DATABASE_RESTARTS``.
+Session processes and the host are killed, PostgreSQL restarts, and the object store does not answer for a minute. Run
+one with other numbers: ``python tests/soak/soak_host.py PARTICIPANTS KILLS HOST_KILLS DATABASE_RESTARTS STORE_STOPS``.
 """
 
 import json
@@ -17,11 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from avrgym.study.people.invitations import create_invitations
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE
+from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.hosting.hosted_participants import (
     DESIGN,
@@ -31,6 +34,7 @@ from helpers.hosting.hosted_participants import (
     take_part_in_other_process,
 )
 from helpers.hosting.served_host import Served, host_process
+from helpers.studies.object_store_server import object_store_server, set_object_store
 from helpers.studies.small_studies import (
     make_study,
     new_postgresql_database,
@@ -38,10 +42,12 @@ from helpers.studies.small_studies import (
     postgresql_process,
     postgresql_programs,
 )
+from helpers.system.processes import free_port
 
 _Fault = Callable[[], bool]
 """A function that causes a fault. Returns whether it could."""
-FIRST_FAULT_S, FAULT_INTERVAL_S, DATABASE_STOP_S = 20.0, 8.0, 3.0
+FIRST_FAULT_S, FAULT_INTERVAL_S, DATABASE_STOP_S, STORE_STOP_S = 20.0, 8.0, 3.0, 60.0
+UPLOAD_TIMEOUT_S = 120.0
 
 
 def test_participants_with_killed_sessions(tmp_path: Path) -> None:
@@ -50,14 +56,20 @@ def test_participants_with_killed_sessions(tmp_path: Path) -> None:
     assert (found["completed"], found["lost_trials"], found["faults"]) == (6, 0, [])
 
 
-def test_participants_with_killed_host_and_restarted_database(tmp_path: Path) -> None:
-    found = host_with_faults(tmp_path / "study", participants=4, host_kills=2, database_restarts=2)
+def test_participants_with_killed_host_and_failing_services(tmp_path: Path) -> None:
+    found = host_with_faults(tmp_path / "study", 4, host_kills=2, database_restarts=2, store_stops=1)
     print(json.dumps(found, indent=2))
     assert (found["completed"], found["lost_trials"], found["faults"]) == (4, 0, [])
+    assert found["recordings_not_uploaded"] == []
 
 
 def host_with_faults(
-    folder: Path, participants: int, kills: int = 0, host_kills: int = 0, database_restarts: int = 0
+    folder: Path,
+    participants: int,
+    kills: int = 0,
+    host_kills: int = 0,
+    database_restarts: int = 0,
+    store_stops: int = 0,
 ) -> dict[str, Any]:
     """Host a study for emulated participants who come at once. Returns figures about them."""
     make_study(folder, **DESIGN)
@@ -66,6 +78,8 @@ def host_with_faults(
         faults: list[_Fault] = []
         if database_restarts:
             faults += [stack.enter_context(_postgresql())] * database_restarts
+        if store_stops:
+            faults += [stack.enter_context(_object_store())] * store_stops
         store = stack.enter_context(Store(folder))
         host = stack.enter_context(_Host(store))
         faults += [host.kill] * host_kills + [lambda: _kill_session(store)] * kills
@@ -83,6 +97,8 @@ def host_with_faults(
             "killed_sessions": kills,
             "killed_hosts": host_kills,
             "restarted_databases": database_restarts,
+            "stopped_object_stores": store_stops,
+            "recordings_not_uploaded": _not_uploaded(store),
             "omitted_faults": len(watch.faults),
         }
 
@@ -131,6 +147,38 @@ def _postgresql() -> Iterator[_Fault]:
             yield restart
         finally:
             del os.environ[DATABASE_URL_VARIABLE]
+
+
+@contextmanager
+def _object_store() -> Iterator[_Fault]:
+    """Store recordings in an object store. Yields a function that stops its process for ``STORE_STOP_S``."""
+    port = free_port()
+    with object_store_server(port) as process, pytest.MonkeyPatch.context() as patch, ExitStack() as timers:
+        set_object_store(patch, port)
+
+        def stop() -> bool:
+            process.send_signal(signal.SIGSTOP)
+            timer = threading.Timer(STORE_STOP_S, process.send_signal, (signal.SIGCONT,))
+            timer.start()
+            timers.callback(timer.join)
+            return True
+
+        yield stop
+
+
+def _not_uploaded(store: Store) -> list[str]:
+    """Wait until all recordings are uploaded. Returns those that are not after ``UPLOAD_TIMEOUT_S``."""
+    if store.object_store is None:
+        return []
+    ends_s = time.monotonic() + UPLOAD_TIMEOUT_S
+    attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
+    missing = {each.recording: store.absolute_path(each.recording).stat().st_size for each in attempts}
+    while missing and time.monotonic() < ends_s:
+        time.sleep(1.0)
+        with suppress(StudyError):
+            uploaded = store.object_store.sizes()
+            missing = {name: size for name, size in missing.items() if uploaded.get(name) != size}
+    return sorted(missing)
 
 
 def _kill_session(store: Store) -> bool:
