@@ -13,6 +13,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -86,12 +87,12 @@ def host_with_faults(
         random.Random(1).shuffle(faults)
         invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
         watch = _Watch(host, store, faults)
-        watch.start()
         began_s = time.monotonic()
-        outcomes = take_part_in_other_process(f"http://localhost:{host.served.host.port}", invitations)
-        seconds = time.monotonic() - began_s
-        watch.over.set()
-        watch.join()
+        people = stack.enter_context(ThreadPoolExecutor(1)).submit(
+            take_part_in_other_process, f"http://localhost:{host.served.host.port}", invitations
+        )
+        watch.run(people.done)  # in this thread: started processes end with the thread that started them
+        outcomes, seconds = people.result(), time.monotonic() - began_s
         return figures(store, outcomes, watch.counts) | {
             "seconds": round(seconds, 1),
             "killed_sessions": kills,
@@ -194,19 +195,18 @@ def _kill_session(store: Store) -> bool:
     return True
 
 
-class _Watch(threading.Thread):
+class _Watch:
     """Counts sessions and ticks, and causes one fault after another. ``faults``: those that remain."""
 
     def __init__(self, host: _Host, store: Store, faults: list[_Fault]) -> None:
-        super().__init__(daemon=True)
-        self.over = threading.Event()
         self.counts, self.faults = Counts(), faults
         self._host, self._store, self._restarts = host, store, 0
 
-    def run(self) -> None:
+    def run(self, is_over: Callable[[], bool]) -> None:
         """Watch until the end."""
         next_fault_s = time.monotonic() + FIRST_FAULT_S
-        while not self.over.wait(1.0):
+        while not is_over():
+            time.sleep(1.0)
             with suppress(httpx.HTTPError, KeyError):
                 self._count(self._host.served)
             if self.faults and time.monotonic() > next_fault_s and self.faults[0]():

@@ -75,6 +75,7 @@ def figures(store: Store, outcomes: list[dict[str, Any]], counts: "Counts") -> d
         "participants": len(outcomes),
         "completed": sum(each["ending"] == "completed" for each in outcomes),
         "with_code": sum(each["code"] == "DONE" for each in outcomes),
+        "resumed": sum(each["ending"] == "completed" and each["connections"] > 1 for each in outcomes),
         "errors": [each["error"] for each in outcomes if each["error"]],
         "load": round(os.getloadavg()[1], 1),
         "most_sessions_at_once": counts.most,
