@@ -274,3 +274,32 @@ def test_only_the_public_address_is_an_origin_behind_a_proxy(tmp_path: Path) -> 
             headers = {"Host": "study.example", "Origin": origin, "X-Forwarded-For": "203.0.113.7"}
             answer = hosted.request("POST", "/api/invitation", headers=headers, json={"token": token})
             assert answer.status_code == status, origin
+
+
+def test_connections_of_one_address_behind_a_proxy_are_limited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Requests with a slow body: the oldest of the same address ends, and one of another address does not."""
+    monkeypatch.setattr(connection_limits, "MAX_UNAUTHENTICATED_CONNECTIONS", 16)
+    with (
+        Store(small_study(tmp_path / "study")) as store,
+        Host(store, address="https://study.example", proxies=("127.0.0.1",)) as host,
+        ExitStack() as opened,
+    ):
+
+        def begin_request(address: str) -> socket.socket:
+            connection = opened.enter_context(
+                socket.create_connection(("127.0.0.1", host.port), timeout=10.0)
+            )
+            headers = "Host: study.example\r\nContent-Type: application/json\r\nContent-Length: 100\r\n"
+            head = f"POST /api/invitation HTTP/1.1\r\n{headers}X-Forwarded-For: {address}\r\n\r\n"
+            connection.sendall(head.encode())
+            return connection
+
+        other = begin_request("203.0.113.1")
+        first, *rest = [begin_request("203.0.113.7") for _ in range(5)]
+        assert first.recv(1) == b""
+        for each in (other, *rest):
+            each.settimeout(0.2)
+            with pytest.raises(TimeoutError):
+                each.recv(1)

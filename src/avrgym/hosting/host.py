@@ -12,6 +12,7 @@ from avrgym.hosting.headset_codes import HeadsetCodes
 from avrgym.hosting.host_state import HostState
 from avrgym.hosting.participant_app import Participation, participant_app
 from avrgym.hosting.participant_tokens import ParticipantTokens
+from avrgym.hosting.rate_limits import client_address
 from avrgym.hosting.session_pool import SessionPool
 from avrgym.hosting.settings import read_host_settings
 from avrgym.hosting.tunnel import TunnelRules, Tunnels
@@ -85,7 +86,9 @@ class Host:
         origins = frozenset({self.origin, *(f"http://{each}" for each in local)})
         own_tokens = ParticipantTokens.of_study(store)
         self._participants = own_tokens.participants
-        limiter = ConnectionLimiter(public, own_tokens, MAX_PARTICIPANT_CONNECTIONS)
+        limiter = ConnectionLimiter(
+            public, own_tokens, MAX_PARTICIPANT_CONNECTIONS, lambda scope: client_address(scope, proxies)
+        )
         participation = Participation(store, settings, self.pool, self._state, HeadsetCodes(), self.origin)
         names = [urlsplit(self.origin).hostname or "", *LOOPBACK_HOSTS]
         app = participant_app(participation, own_tokens, names, origins, proxies)

@@ -101,8 +101,15 @@ class Connection:
 class ConnectionLimiter:
     """Accepts the connections of a listening socket and enforces the limits."""
 
-    def __init__(self, listener: socket.socket, tokens: Tokens, max_per_role: int | None = None) -> None:
-        self.listener = listener
+    def __init__(
+        self,
+        listener: socket.socket,
+        tokens: Tokens,
+        max_per_role: int | None = None,
+        client_address: Callable[[Scope], str] | None = None,
+    ) -> None:
+        """``client_address``: returns the client's address of a request that comes through a reverse proxy."""
+        self.listener, self._client_address = listener, client_address
         self._tokens, self._max_per_role = tokens, max_per_role or MAX_CONNECTIONS_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
         self._max_unauthenticated = min(
@@ -131,6 +138,9 @@ class ConnectionLimiter:
             if caller is not None:
                 self.mark_authenticated(scope, caller.role)
             connection.record_activity(busy=True)
+            if self._client_address is not None:
+                connection.host = self._client_address(scope)
+                self._enforce_limits(connection.host)
             try:
                 await app(scope, receive, send)
             finally:
@@ -201,7 +211,10 @@ def _close_longest_idle(connections: list[Connection]) -> None:
 
 
 def _is_own(host: str) -> bool:
-    return ipaddress.ip_address(host).is_loopback
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:  # a proxy sent another text
+        return False
 
 
 def max_open_files() -> int:
