@@ -110,6 +110,8 @@ def _take_part(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
             "connections": each.connections,
             "waited_s": each.waited_s,
             "error": each.error,
+            "received_bytes": each.received_bytes,
+            "sent_bytes": each.sent_bytes,
             "percentiles": percentiles,
         }
         for each in outcomes

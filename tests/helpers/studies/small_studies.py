@@ -184,8 +184,11 @@ def postgresql_data(programs: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def postgresql_process(programs: Path, folder: Path) -> Iterator[None]:
-    """Run a PostgreSQL server with the data in a folder. At the end it stops immediately, as after a crash."""
+def postgresql_process(programs: Path, folder: Path) -> Iterator[subprocess.Popen[str]]:
+    """Run a PostgreSQL server with the data in a folder. At the end it stops immediately, as after a crash.
+
+    Yields its process.
+    """
     options = ["-D", folder / "data", "-k", folder, "-c", "listen_addresses=", "-c", "fsync=off"]
     with subprocess.Popen(
         [programs / "postgres", *options],
@@ -198,7 +201,7 @@ def postgresql_process(programs: Path, folder: Path) -> Iterator[None]:
         try:
             assert server.stderr is not None
             next(line for line in server.stderr if "ready to accept connections" in line)
-            yield
+            yield server
         finally:
             server.send_signal(signal.SIGQUIT)
 
