@@ -3,8 +3,8 @@
     PYTHONPATH=tests python research/hosting_costs.py measure PARTICIPANTS   # writes hosting_costs.json
     PYTHONPATH=tests python research/hosting_costs.py compute                # prints the tables
 
-``measure`` hosts a study with PostgreSQL for emulated participants. The computer must be idle. The processor time of each
-process is from Linux's ``/proc`` (proc(5)). ``compute`` assumes the prices and the study in the constants below.
+``measure`` hosts a study with PostgreSQL for emulated participants. The computer must be idle. The processor time of
+each process is from Linux's ``/proc`` (proc(5)). ``compute`` assumes the prices and the study in the constants below.
 """
 
 import json
