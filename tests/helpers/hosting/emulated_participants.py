@@ -10,6 +10,8 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import cycle
+from typing import Literal
 
 import httpx
 import msgspec
@@ -27,7 +29,10 @@ ANSWER_S = 0.4
 RECONNECT_S = 0.3
 MAX_SENT = 400
 WAITING_PHASES = ("headset", "calibration", "check", "ready", "break", "paused", "confirm")
+LEAVING_TRIAL = 2
 STATE_TAG = b"\xa4type\xa5state"
+Course = Literal["completes", "is screened out", "withdraws", "leaves"]
+"""What a participant does. The last two end in the second trial: with a withdrawal, or without a word."""
 
 
 @dataclass
@@ -58,14 +63,21 @@ def record_motion(seconds: float = 10.0, seed: int = 1) -> list[Tracking]:
 class EmulatedParticipant:
     """One participant with an invitation. ``host``: the host header, if it differs from the connected address."""
 
-    def __init__(self, origin: str, invitation: str, motion: Sequence[Tracking], offset: int = 0) -> None:
-        self.outcome, self.host = Outcome(), ""
+    def __init__(
+        self,
+        origin: str,
+        invitation: str,
+        motion: Sequence[Tracking],
+        offset: int = 0,
+        course: Course = "completes",
+    ) -> None:
+        self.outcome, self.host, self._course = Outcome(), "", course
         self._origin, self._invitation, self._motion, self._sequence = origin, invitation, motion, offset
         self._began_s = time.monotonic()
         self._sent_s: dict[int, float] = {}
         self._phase, self._since_s, self._scene_url = "", 0.0, ""
         self._question: Question | None = None
-        self._over = False
+        self._trial = 0
 
     async def take_part(self, deadline_s: float) -> Outcome:
         """Take part until the study has ended for this participant, at most for ``deadline_s``."""
@@ -100,7 +112,10 @@ class EmulatedParticipant:
                 case "consent":
                     await act("consent", version=stage["version"], sha256=stage["sha256"], agreed=True)
                 case "inclusion":
-                    answers = {name: "epilepsy" not in text for name, text in stage["questions"]}
+                    eligible = self._course != "is screened out"
+                    answers = {
+                        name: ("epilepsy" not in text) == eligible for name, text in stage["questions"]
+                    }
                     await act("inclusion", answers=answers)
                 case "safety":
                     await act("safety")
@@ -111,6 +126,10 @@ class EmulatedParticipant:
                     await asyncio.sleep(POLL_S)
                 case "session":
                     await self._attend(stage["path"], stage["token"])
+                    if self._is_leaving and self._course == "leaves":
+                        return
+                    if self._is_leaving:
+                        await act("withdrawal")
                     await asyncio.sleep(RECONNECT_S)
                 case _:
                     self.outcome.ending, self.outcome.code = stage["ending"], stage["code"]
@@ -141,6 +160,11 @@ class EmulatedParticipant:
                 finally:
                     sending.cancel()
 
+    @property
+    def _is_leaving(self) -> bool:
+        leaves = self._course in ("withdraws", "leaves")
+        return leaves and self._phase == "trial" and self._trial == LEAVING_TRIAL
+
     async def _receive(self, socket: ClientConnection) -> None:
         states = 0
         with suppress(ConnectionClosed):
@@ -159,7 +183,8 @@ class EmulatedParticipant:
                         await socket.send(messages.encode(messages.Entered()))
                     case Phase():
                         self._phase, self._since_s, self._question = message.name, now_s, None
-                        if message.name == "finished":
+                        self._trial = message.trial
+                        if message.name == "finished" or self._is_leaving:
                             return
                     case Question():
                         self._question, self._since_s = message, now_s
@@ -209,12 +234,19 @@ class EmulatedParticipant:
 
 
 async def take_part_together(
-    origin: str, invitations: Sequence[str], deadline_s: float, motion: Sequence[Tracking]
+    origin: str,
+    invitations: Sequence[str],
+    deadline_s: float,
+    motion: Sequence[Tracking],
+    courses: Sequence[Course] = ("completes",),
 ) -> list[Outcome]:
-    """Let one participant for each invitation take part at the same time. Returns their outcomes."""
+    """Let one participant for each invitation take part at the same time. Returns their outcomes.
+
+    ``courses``: of the first participants; the others follow in turn.
+    """
     everyone = [
-        EmulatedParticipant(origin, invitation, motion, 37 * number)
-        for number, invitation in enumerate(invitations)
+        EmulatedParticipant(origin, invitation, motion, 37 * number, course)
+        for number, (invitation, course) in enumerate(zip(invitations, cycle(courses), strict=False))
     ]
     return list(await asyncio.gather(*(each.take_part(deadline_s) for each in everyone)))
 

@@ -19,6 +19,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.people.invitations import create_invitations
 from avrgym.study.storage.store import Store
 from helpers.hosting.emulated_participants import (
+    Course,
     percentile_ms,
     record_motion,
     take_part_together,
@@ -91,14 +92,16 @@ def figures(store: Store, outcomes: list[dict[str, Any]], counts: "Counts") -> d
     }
 
 
-def take_part_in_other_process(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
+def take_part_in_other_process(
+    origin: str, invitations: list[str], courses: Sequence[Course] = ("completes",)
+) -> list[dict[str, Any]]:
     """Let participants take part at the same time, in another process. Returns their outcomes."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
-        return pool.apply(_take_part, (origin, invitations))
+        return pool.apply(_take_part, (origin, invitations, courses))
 
 
-def _take_part(origin: str, invitations: list[str]) -> list[dict[str, Any]]:
-    outcomes = asyncio.run(take_part_together(origin, invitations, DEADLINE_S, record_motion()))
+def _take_part(origin: str, invitations: list[str], courses: Sequence[Course]) -> list[dict[str, Any]]:
+    outcomes = asyncio.run(take_part_together(origin, invitations, DEADLINE_S, record_motion(), courses))
     shares = {"p50": 0.5, "p95": 0.95, "p99": 0.99}
     percentiles = [
         {"name": name, "ms": round(percentile_ms(outcomes, share), 1)} for name, share in shares.items()

@@ -1,0 +1,75 @@
+"""A hosted study at two sites with dropouts: check, merge, analysis and export.
+
+Run it with other numbers: ``python tests/soak/soak_host_study.py PARTICIPANTS`` (of each site).
+"""
+
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from avrgym.study.people.invitations import create_invitations
+from avrgym.study.storage.store import Store
+from helpers.hosting.emulated_participants import Course
+from helpers.hosting.hosted_participants import DESIGN, SETTINGS, take_part_in_other_process
+from helpers.hosting.served_host import host_process
+from helpers.studies.small_studies import make_study
+from helpers.system.processes import AVRGYM
+
+COURSES: tuple[Course, ...] = ("completes", "is screened out", "completes", "withdraws", "leaves")
+SITES = ("atlanta", "berlin")
+SHORT_ABSENCE = SETTINGS.replace("absence_minutes = 2", "absence_minutes = 0.3")
+
+
+def test_hosted_study_with_dropouts_is_analysed(tmp_path: Path) -> None:
+    found = study_with_dropouts(tmp_path, participants=5)
+    print(json.dumps(found, indent=2))
+    assert found["outcomes"] == {"completed": 4, "screened_out": 2, "withdrawn": 2, "left": 2}
+    assert found["exit_codes"] == dict.fromkeys(found["exit_codes"], 0)
+    numbers = {"enrolled": 10, "excluded": 2, "withdrew": 2, "unfinished": 2, "completed": 4, "analysed": 8}
+    assert {name: found["flow"][name] for name in numbers} == numbers
+
+
+def study_with_dropouts(folder: Path, participants: int) -> dict[str, Any]:
+    """Host a study at two sites, and evaluate it with the commands. Returns figures."""
+    outcomes = Counter[str]()
+    for site in SITES:
+        study = make_study(folder / site, **DESIGN, site=f'"{site}"')
+        (study / "host.toml").write_text(SHORT_ABSENCE)
+        with Store(study) as store, host_process(store) as (host, _):
+            invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
+            people = take_part_in_other_process(f"http://localhost:{host.port}", invitations, COURSES)
+            outcomes.update(each["ending"] or each["error"] or "left" for each in people)
+    merged, exported = folder / "all", folder / "exported"
+    commands = (
+        *(("study", "check", folder / site) for site in SITES),
+        ("study", "quality", folder / SITES[0]),
+        ("study", "merge", *(folder / site for site in SITES), "--out", merged),
+        ("study", "check", merged),
+        ("analyze", merged, "--json", folder / "analysis.json"),
+        ("study", "export", merged, "--format", "csv", "--out", exported),
+        ("study", "export", merged, "--format", "bids", "--out", folder / "bids"),
+    )
+    codes: dict[str, int] = {}
+    for command in commands:
+        done = subprocess.run([AVRGYM, *command], text=True, capture_output=True)
+        name = " ".join(map(str, command)).replace(f"{folder}/", "")
+        print(f"$ avrgym {name}\n{done.stdout}{done.stderr}", flush=True)
+        codes[name] = done.returncode
+    (results,) = merged.rglob("results.json")
+    return {
+        "outcomes": dict(outcomes),
+        "exit_codes": codes,
+        "flow": json.loads(results.read_text())["flow"],
+        "exported_files": sum(1 for each in exported.rglob("*") if each.is_file()),
+    }
+
+
+if __name__ == "__main__":
+    with tempfile.TemporaryDirectory() as temporary:
+        print(json.dumps(study_with_dropouts(Path(temporary), int(sys.argv[1])), indent=2))
