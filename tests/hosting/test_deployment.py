@@ -1,4 +1,4 @@
-"""The files in ``deploy`` name options, variables and extras that the program has."""
+"""The Compose file and the image of the host name options, variables and extras that the program has."""
 
 import os
 import re
@@ -17,11 +17,11 @@ from avrgym.cli import app
 from avrgym.study.storage.database import DATABASE_URL_VARIABLE, database_url
 from avrgym.study.storage.object_store import OBJECT_STORE_VARIABLE, open_object_store
 from avrgym.vr.server.addresses import DEFAULT_PORT
+from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY
 from helpers.studies.small_studies import small_study
 from helpers.system.paths import ROOT
 
-DEPLOY = ROOT / "deploy"
-TEXT = (DEPLOY / "compose.yaml").read_text()
+TEXT = (ROOT / "deploy" / "compose.yaml").read_text()
 GIVEN = {
     "STUDY_DOMAIN": "study.example",
     "STUDY_FOLDER": "/data/my-study",
@@ -53,9 +53,10 @@ def test_the_first_lines_name_every_variable_of_the_user() -> None:
 
 
 def test_the_command_parses_the_options_of_the_host(services: dict[str, Any]) -> None:
-    entry = re.findall(r'ENTRYPOINT \["avrgym", "host", "(.+)"\]', (DEPLOY / "Containerfile").read_text())
-    command: Any = typer.main.get_command(app).commands["host"]  # pyright: ignore[reportAttributeAccessIssue]
-    parsed = command.make_context("host", [*entry, *services["host"]["command"]]).params
+    assert 'ENTRYPOINT ["avrgym"]' in image(services)
+    name, *options = services["host"]["command"]
+    command: Any = typer.main.get_command(app).commands[name]  # pyright: ignore[reportAttributeAccessIssue]
+    parsed = command.make_context(name, options).params
     assert parsed["study"] == Path("/study")
     assert (parsed["address"], parsed["proxy"]) == ("https://study.example", ["127.0.0.1"])
     proxied = ["--from", GIVEN["STUDY_DOMAIN"], "--to", f"127.0.0.1:{parsed['port']}"]
@@ -63,6 +64,9 @@ def test_the_command_parses_the_options_of_the_host(services: dict[str, Any]) ->
     assert parsed["port"] == DEFAULT_PORT
     mounted = [each.rpartition(":")[2] for each in services["host"]["volumes"]]
     assert str(parsed["study"]) in mounted
+    (home,) = re.findall(r"VOLUME .*(/home/\w+)", image(services))
+    assert home in mounted  # contains the key of names
+    assert services["host"]["ulimits"]["rtprio"] >= REAL_TIME_PRIORITY
 
 
 @pytest.mark.skipif(find_spec("boto3") is None, reason="the object store is an extra")
@@ -86,8 +90,8 @@ def test_the_host_uses_the_addresses_and_passwords_of_the_services(
     assert [credentials.access_key, credentials.secret_key] == list(recordings["environment"].values())
 
 
-def test_the_image_has_the_extras_of_the_services() -> None:
-    (extras,) = re.findall(r'"/source\[(.+)\]"', (DEPLOY / "Containerfile").read_text())
+def test_the_image_has_the_extras_of_the_services(services: dict[str, Any]) -> None:
+    (extras,) = re.findall(r'\.whl\)\[(.+)\]"', image(services))
     known = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     installed = [each for extra in extras.split(",") for each in known[extra]]
     assert {"sqlalchemy", "psycopg", "boto3"} <= {re.split(r"[\[>=]", each)[0] for each in installed}
@@ -101,6 +105,12 @@ def test_a_cluster_without_its_extra_names_the_installation(
     result = CliRunner().invoke(app, ["host", str(small_study(tmp_path / "study")), "--cluster", "local"])
     assert result.exit_code == 1
     assert "ray is missing; run `pip install 'avrgym[cluster]'`" in result.output
+
+
+def image(services: dict[str, Any]) -> str:
+    """The container file of the host's image."""
+    build = services["host"]["build"]
+    return (ROOT / "deploy" / build["context"] / build["dockerfile"]).read_text()
 
 
 def published(service: dict[str, Any]) -> str:
