@@ -203,9 +203,10 @@ def enrol_with_invitation(
 
 def personal_tokens(store: Store) -> dict[str, str]:
     """Returns the pseudonym of each participant with a personal token, by the token's checksum."""
+    table = schema.INVITATION_USE_TABLE
+    used = sa.select(table.c.sha256, table.c.participant).where(table.c.participant.is_not(None))
     with store.database.read_transaction() as connection:
-        uses = find_rows(connection, InvitationUse)
-    return {each.sha256: pseudonym_of(each.participant) for each in uses if each.participant is not None}
+        return {sha256: pseudonym_of(number) for sha256, number in connection.execute(used)}
 
 
 def replace_participant_token(store: Store, pseudonym: str) -> str:

@@ -213,13 +213,11 @@ class Store:
 
     def attempts(self, pseudonym: str) -> list[TrialAttempt]:
         """Returns all attempts at a participant's trials, in the order of their start times."""
-        sessions = {session.id for session in self.sessions(pseudonym)}
-        return [attempt for attempt in self._rows(TrialAttempt) if attempt.session in sessions]
+        return self._rows(TrialAttempt, session=self._session_ids(pseudonym))
 
     def answers(self, pseudonym: str) -> list[StudyAnswer]:
         """Returns all answers about a participant's sessions and trials, in the order of storage."""
-        sessions = {session.id for session in self.sessions(pseudonym)}
-        return [answer for answer in self._rows(StudyAnswer) if answer.session in sessions]
+        return self._rows(StudyAnswer, session=self._session_ids(pseudonym))
 
     def events(self) -> list[StudyEvent]:
         """Returns all events of the study, in the order of storage."""
@@ -268,7 +266,10 @@ class Store:
         """Returns the sites of a merged study; empty for a study that is not merged."""
         return self._rows(Site)
 
-    def _rows(self, kind: type[Row], **key: int) -> list[Row]:
+    def _session_ids(self, pseudonym: str) -> tuple[int, ...]:
+        return tuple(session.id for session in self.sessions(pseudonym))
+
+    def _rows(self, kind: type[Row], **key: int | tuple[int, ...]) -> list[Row]:
         with self.database.read_transaction() as connection:
             return find_rows(connection, kind, **key)
 
@@ -350,14 +351,19 @@ def find_trial(connection: sa.Connection, session: StudySession, position: int) 
 
 
 def find_rows(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Row]:
-    """Returns all rows with the column values ``key``, ordered by primary key.
+    """Returns all rows with the column values ``key``, ordered by primary key. A tuple contains the allowed values.
 
     Raises ``StudyError`` if a row is damaged.
     """
     table = TABLES_BY_ROW_TYPE[kind]
     names = _columns(kind)
     query = sa.select(*(table.c[name] for name in names))
-    query = query.where(*(table.c[name] == value for name, value in key.items()))
+    query = query.where(
+        *(
+            table.c[name].in_(value) if isinstance(value, tuple) else table.c[name] == value
+            for name, value in key.items()
+        )
+    )
     try:
         rows = connection.execute(query.order_by(hash_chain.primary_key(table))).all()
         return [_as(kind, dict(zip(names, row, strict=True))) for row in rows]
