@@ -23,7 +23,7 @@ export PYTHONDONTWRITEBYTECODE =
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 .NOTPARALLEL:
-.PHONY: help demo test test-slow client-test test-engines format lint docs bench soak setup client clean
+.PHONY: help demo test test-slow client-test test-engines format lint docs audit bench soak setup client clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -71,6 +71,11 @@ lint: $(DONE)/test $(DONE)/node ## ruff, pyright and the layers of packages
 docs: setup ## build the site into build/site, check its links, run its commands and code blocks
 	.venv/bin/python -m pytest tests/cli/test_site.py tests/cli/test_docs.py tests/cli/test_commands_in_pages.py tests/cli/test_examples.py
 	@echo 'To read it: .venv/bin/python -m http.server --directory build/site 8080, then http://localhost:8080'
+
+audit: setup ## known vulnerabilities of the dependencies, from PyPI and npm
+	@$(PIP_INSTALL) pip-audit
+	.venv/bin/pip-audit --skip-editable
+	cd client && npm audit
 
 bench: setup ## steps per second of the simulation; tick times of the live server
 	.venv/bin/avrgym bench sim
