@@ -10,7 +10,6 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from itertools import cycle
 from typing import Literal
 
 import httpx
@@ -33,6 +32,7 @@ LEAVING_TRIAL = 2
 STATE_TAG = b"\xa4type\xa5state"
 Course = Literal["completes", "is screened out", "withdraws", "leaves"]
 """What a participant does. The last two end in the second trial: with a withdrawal, or without a word."""
+DEFAULT_COURSES: tuple[Course, ...] = ("completes",)
 
 
 @dataclass
@@ -238,15 +238,15 @@ async def take_part_together(
     invitations: Sequence[str],
     deadline_s: float,
     motion: Sequence[Tracking],
-    courses: Sequence[Course] = ("completes",),
+    courses: Sequence[Course] = DEFAULT_COURSES,
 ) -> list[Outcome]:
     """Let one participant for each invitation take part at the same time. Returns their outcomes.
 
     ``courses``: of the first participants; the others follow in turn.
     """
     everyone = [
-        EmulatedParticipant(origin, invitation, motion, 37 * number, course)
-        for number, (invitation, course) in enumerate(zip(invitations, cycle(courses), strict=False))
+        EmulatedParticipant(origin, invitation, motion, 37 * number, courses[number % len(courses)])
+        for number, invitation in enumerate(invitations)
     ]
     return list(await asyncio.gather(*(each.take_part(deadline_s) for each in everyone)))
 

@@ -19,6 +19,7 @@ from avrgym.study.checking.checks import check_study
 from avrgym.study.people.invitations import create_invitations
 from avrgym.study.storage.store import Store
 from helpers.hosting.emulated_participants import (
+    DEFAULT_COURSES,
     Course,
     percentile_ms,
     record_motion,
@@ -93,7 +94,7 @@ def figures(store: Store, outcomes: list[dict[str, Any]], counts: "Counts") -> d
 
 
 def take_part_in_other_process(
-    origin: str, invitations: list[str], courses: Sequence[Course] = ("completes",)
+    origin: str, invitations: list[str], courses: Sequence[Course] = DEFAULT_COURSES
 ) -> list[dict[str, Any]]:
     """Let participants take part at the same time, in another process. Returns their outcomes."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:

@@ -6,7 +6,7 @@ from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import Any, Self, TypeVar, get_type_hints
+from typing import Any, Self, TypeVar, cast, get_type_hints
 
 import msgspec
 import sqlalchemy as sa
@@ -360,7 +360,9 @@ def find_rows(connection: sa.Connection, kind: type[Row], **key: Any) -> list[Ro
     query = sa.select(*(table.c[name] for name in names))
     query = query.where(
         *(
-            table.c[name].in_(value) if isinstance(value, tuple) else table.c[name] == value
+            table.c[name].in_(cast(tuple[Any, ...], value))
+            if isinstance(value, tuple)
+            else table.c[name] == value
             for name, value in key.items()
         )
     )
