@@ -35,6 +35,8 @@ from helpers.studies.small_studies import enrol_with_consent, make_study
 from helpers.vr.visit import Visit, plan
 
 PATIENCE_S = 200.0
+ENDLESS = 100_000
+"""Control steps of a trial that only a stop ends, also on a busy machine."""
 QUESTIONS = """\
 [[questionnaires]]
 name = "caregiver"
@@ -92,7 +94,7 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
         "policies": '["paced"]',
         "practice_policy": '""',
         "free_movement_s": "0.1",
-        "trial_steps": "600",
+        "trial_steps": str(ENDLESS),
     }
     folder = make_study(tmp_path / "study", tasks='["Feeding"]', robots='["Jaco"]', **policies)
     design = folder / "study.toml"

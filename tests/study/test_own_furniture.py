@@ -1,20 +1,28 @@
 """A participant's own wheelchair and bed."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
 import pytest
+from playwright.sync_api import expect
 from typer.testing import CliRunner
 
 from avrgym.cli.main import app
 from avrgym.models.furniture.real_furniture import FurniturePoint, RealFurniture
+from avrgym.study.dashboard.application import dashboard_app
 from avrgym.study.dashboard.views import participant_view
 from avrgym.study.people.furniture import furniture_of, record_furniture
 from avrgym.study.sessions.serving import StudySessions
 from avrgym.study.sessions.visit import StudyVisit, plan_session
 from avrgym.study.storage import database
 from avrgym.study.storage.store import Store
+from avrgym.vr.emulation.emulated_headset import EmulatedHeadset
+from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol.messages import MarkPoint, XRPose
+from avrgym.vr.server.live_server import LiveServer
+from helpers.browser.accessibility import violations
+from helpers.browser.journey import TIMEOUT_S, skip_drawing, wait_for_phase
 from helpers.studies.small_studies import enrol_with_consent, small_study
 from helpers.vr.visit import Visit
 
@@ -75,6 +83,55 @@ def test_an_experimenter_measures_it_with_a_controller(tmp_path: Path) -> None:
         assert measured is not None
         assert measured.seat_tilt_deg == pytest.approx(8.53, abs=0.01)
         assert plan_session(store, name).furniture == measured
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("relaxed_limits")
+def test_an_experimenter_measures_it_on_the_dashboard_in_a_browser(tmp_path: Path) -> None:
+    """Seat, tilt, back and headrest from four points; the controller in the headset's browser touches them."""
+    expect.set_options(timeout=1000 * TIMEOUT_S)
+    buttons: dict[str, tuple[float, float]] = {
+        "Front edge, or mattress at the thighs": (0.5, 0.0),
+        "Front of the headrest or pillow": (1.1, 0.466),
+        "Rear edge, where the back begins": (0.44, 0.4),
+        "Top of the back": (1.0, 0.5),
+    }
+    with (
+        Store(small_study(tmp_path / "study")) as store,
+        ThreadPoolExecutor(1) as workers,
+        LiveServer(
+            lambda send: StudySessions(store, send, workers, first=enrol_with_consent(store)),
+            "127.0.0.1",
+            0,
+            study=lambda tokens, sessions: dashboard_app(store, tokens, sessions),
+        ) as server,
+        EmulatedHeadset(server.participant_url, 320, 180) as headset,
+    ):
+        skip_drawing(headset)
+        participant = SimulatedParticipant(sample_participant_traits("woman", 5), 5)
+        headset.set_poses(participant.tracking_frame(0.0, moving=False))
+        headset.enter_vr()
+        wait_for_phase(headset, "calibration")
+        browser = headset.page.context.browser
+        assert browser is not None
+        dashboard = browser.new_page()
+        dashboard.goto(server.page_urls("dashboard?detail=light", server.tokens.experimenter)[0])
+        dashboard.get_by_text("Measure seat or bed with a controller").click()
+        assert violations(dashboard) == []
+        for label, (height_m, back_m) in buttons.items():
+            touched = {"position": (0.1, height_m, back_m), "orientation": (0.0, 0.0, 0.0, 1.0)}
+            headset.call_emulator("setPoses", {"right": touched})
+            headset.wait_for_frames(5)
+            dashboard.get_by_role("button", name=label).click()
+            seen = f"{height_m:.2f} m above" if label != "Top of the back" else "measured: 0.5 m high"
+            expect(dashboard.get_by_text(seen)).to_be_visible()
+        dashboard.screenshot(path=tmp_path / "measured.png", full_page=True)
+        (name,) = (each.pseudonym for each in store.participants())
+        measured = furniture_of(store, name)
+    assert measured is not None
+    assert measured.describe(seated=True) == (
+        "0.5 m high, 0.404 m deep, back at 79.9°, tilted by 8.5°, headrest 0.051 m in front"
+    )
 
 
 def test_the_command_line_stores_measures_and_refuses_impossible_ones(tmp_path: Path) -> None:

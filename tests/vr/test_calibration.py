@@ -94,7 +94,7 @@ def test_a_headrest_puts_the_seat_behind_the_head() -> None:
 
 
 @pytest.mark.parametrize("seated", [True, False])
-def test_three_points_measure_seat_and_mattress(seated: bool) -> None:
+def test_points_measure_seat_and_mattress(seated: bool) -> None:
     """Points that are computed from a wheelchair in any direction give its measures back."""
     real = RealFurniture(
         seat_height_m=0.52, seat_depth_m=0.45, seat_tilt_deg=12.0, seat_back_deg=72.0,
@@ -107,6 +107,14 @@ def test_three_points_measure_seat_and_mattress(seated: bool) -> None:
         rear = front + 0.45 * (np.cos(tilt) * backward - [0.0, np.sin(tilt) if seated else 0.0, 0.0])
         top = rear + 0.6 * (np.cos(back) * backward + [0.0, np.sin(back), 0.0])
         points: dict[FurniturePoint, Any] = {"front": front, "rear": rear, "top": top}
+        forward = [0.0, np.cos(back), 0.0] - np.sin(back) * backward
+        for headrest_m in (0.06, -0.02, None):
+            if headrest_m is None:
+                del points["headrest"]
+            else:
+                points["headrest"] = top + 0.1 * (top - rear) + headrest_m * forward
+            with_headrest = measure_furniture(VIRTUAL, points, seated=seated).headrest_m
+            assert with_headrest == pytest.approx(max(headrest_m or 0.0, 0.0))
         measured = measure_furniture(VIRTUAL, points, seated=seated)
         expected = change_furniture(
             VIRTUAL,

@@ -1,7 +1,7 @@
 """The page without a headset, in a real browser: texts, display and controls."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -25,6 +25,11 @@ from helpers.vr.visit import ENVIRONMENT, constant_policies
 pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 ENDLESS = 100_000
+TRIAL_STEPS = 200
+CHAIR_AND_BED = (
+    TrialPlan("avrgym/ScratchItchJaco-v1", "drive", seed=0, practice=True),
+    TrialPlan("avrgym/BedBathingJaco-v1", "drive", seed=1, practice=False),
+)
 QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))
 SIZES = [(390, 844), (1280, 720)]
 """A phone's and a computer's, pixels."""
@@ -32,13 +37,16 @@ SIZES = [(390, 844), (1280, 720)]
 
 @pytest.fixture
 def sessions(tmp_path: Path) -> Iterator[Callable[..., LiveServer]]:
-    """Serves sessions of one trial of a plan; ``observed`` hears what happens."""
+    """Serves sessions of a plan, of one trial by default; ``observed`` receives the events."""
     with ExitStack() as opened:
         workers = opened.enter_context(ThreadPoolExecutor(1))
 
-        def serve(observed: Callable[[events.SessionEvent], None] = lambda event: None, **plan) -> LiveServer:
-            trial = TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False)
-            whole = SessionPlan([trial], "woman", 0.3, simulated=True, countdown_s=0.3, **plan)
+        def serve(
+            observed: Callable[[events.SessionEvent], None] = lambda event: None,
+            trials: Sequence[TrialPlan] = (TrialPlan(ENVIRONMENT, "drive", seed=3, practice=False),),
+            **plan,
+        ) -> LiveServer:
+            whole = SessionPlan(list(trials), "woman", 0.3, simulated=True, countdown_s=0.3, **plan)
 
             def make(send) -> Session:
                 how = {"observe": observed, "workers": workers}
@@ -166,19 +174,22 @@ LABEL_OF_FOCUSED = "document.activeElement.textContent.trim()"
 def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     name: str, sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
-    """Enter, calibration, trial, items with buttons and a long scale, back, confirm, end."""
+    """Body, calibration, practice in the chair with a stop, trial in bed, buttons, a long scale, back, confirm."""
     size, profile = PARTICIPANTS[name]
     began = time.monotonic()
     observed: list[events.SessionEvent] = []
-    server = sessions(observed.append, trial_steps=5, items=QUESTIONS, input_profile=profile)
+    server = sessions(
+        observed.append, CHAIR_AND_BED, trial_steps=TRIAL_STEPS, items=QUESTIONS, input_profile=profile
+    )
     page = opened_page(browser, server.participant_url, *size)
     chooser = PageChooser(page, profile)
     pressed = lambda label: not page.get_by_role("button", name=label, exact=True).is_visible()  # noqa: E731
     shows = lambda text: page.get_by_text(text).is_visible()  # noqa: E731
-    found = {}
+    found: dict[str, list[str]] = {}
 
     def check(state: str) -> None:
-        found[state] = found.get(state) or violations(page)
+        if state not in found:
+            found[state] = violations(page)
 
     def answer_line() -> None:
         done = lambda: page.get_by_role("button", name="Done").is_visible()  # noqa: E731
@@ -191,10 +202,19 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
             chooser.choose("21", done)
 
     chooser.choose("Play without a headset", lambda: shows("Leave the scene"))
-    while server.session.phase_name in (*SEATING, "ready"):
-        check(server.session.phase_name)
-        before = server.session.phase_name
-        chooser.choose("Go on", lambda before=before: server.session.phase_name != before)
+    stopped = False
+    while (phase := server.session.phase_name) != "questionnaire":
+        if phase == "trial" and not stopped:
+            page.keyboard.press("Escape" if profile.method == "controllers" else "Space")
+            wait_until(lambda: server.session.phase_name != "trial")
+            stopped = True
+        elif page.get_by_role("button", name="Go on").is_visible():
+            check(phase)
+            if phase == "check" and "again" not in found:
+                check("again")
+                chooser.choose("Measure again", lambda: server.session.phase_name != "check")
+            chooser.choose("Go on", lambda before=phase: server.session.phase_name != before)
+        page.wait_for_timeout(100.0)
     page.get_by_text(QUESTIONS[0].text).wait_for()
     check("buttons")
     chooser.choose("6", lambda: shows(QUESTIONS[1].text))
@@ -207,6 +227,10 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     check("finished")
     print(f"{name}: {(time.monotonic() - began) / 60:.1f} min, {chooser.presses} presses")
     assert found == {state: [] for state in found}
+    assert {"calibration", "check", "paused", "buttons", "line", "confirm", "finished"} <= {*found}
+    assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
+    results = [event.result for event in observed if isinstance(event, events.TrialEnded)]
+    assert results == ["stopped", "completed", "completed"]
     answers = [event.answer.value for event in observed if isinstance(event, events.Answered)]
     assert answers == [6, 21]
 

@@ -30,7 +30,7 @@ export type Side = "left" | "right";
 
 export type TrackedBodyPart = "head" | "left" | "right";
 
-export type FurniturePoint = "front" | "rear" | "top";
+export type FurniturePoint = "front" | "headrest" | "rear" | "top";
 
 export type Sex = "man" | "woman";
 
@@ -311,7 +311,7 @@ export interface Press {
   value: number;
 }
 
-/** The tracked controller touches a point of the real seat or mattress. Three points measure it. */
+/** The tracked controller touches a point of the real seat or mattress. Front, rear and top measure it. */
 export interface MarkPoint {
   type: "mark_point";
   point: FurniturePoint;

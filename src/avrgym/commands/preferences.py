@@ -10,6 +10,7 @@ import msgspec
 from msgspec import Meta
 
 from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource, commands_of_source
+from avrgym.system.struct_values import convert_to_struct
 
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_FACTOR_STEP = 0.25, 1.25, 0.25
 """Minimum and maximum speed factor, and its change by the commands ``slower`` and ``faster``."""
@@ -98,10 +99,7 @@ def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Pref
             raise ValueError(f"unknown preference {name!r}; allowed: {', '.join(allowed)}")
         is_list = name in ("commands", "sources")
         values[name] = [word.strip() for word in text.split(",") if word.strip()] if is_list else text
-    try:
-        return msgspec.convert(values, Preferences, strict=False)
-    except msgspec.ValidationError as error:
-        raise ValueError(str(error).replace(" - at `$.", " in `")) from None
+    return convert_to_struct(values, Preferences, strict=False)
 
 
 class ConditionRules(

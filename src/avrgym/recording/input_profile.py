@@ -15,6 +15,7 @@ from msgspec import Meta
 from avrgym.commands.input_names import InputMethod, StopInput
 from avrgym.models.body_names import ARMS, TRACKED_BODY_PART_LABELS, Side, TrackedBodyPart
 from avrgym.recording.presentation import Presentation
+from avrgym.system.struct_values import convert_to_struct
 
 _BOTH: frozenset[Side] = frozenset(ARMS)
 POINTING_ARMS: Mapping[InputMethod, frozenset[Side]] = {
@@ -145,6 +146,6 @@ DEFAULT_INPUT_PROFILE = InputProfile()
 def profile_from_table(values: object) -> InputProfile:
     """Returns the input profile from a table of values. Raises ``InputProfileError`` for invalid values."""
     try:
-        return msgspec.convert(values, InputProfile)
-    except msgspec.ValidationError as error:
+        return convert_to_struct(values, InputProfile)
+    except ValueError as error:
         raise InputProfileError(str(error)) from None

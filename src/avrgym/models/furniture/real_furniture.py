@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from math import atan2, cos, degrees, hypot, radians, sin
-from typing import Literal, get_args
+from typing import Literal
 
 import msgspec
 
@@ -12,10 +12,11 @@ from avrgym.models.human import RECLINED, SEATED, Posture
 
 HIPS_TO_BACKREST_DISTANCE_M = 0.13
 """Distance of the centre of the hips from the backrest: about the radius of the hips."""
-FurniturePoint = Literal["front", "rear", "top"]
-"""Points that measure a seat: its front edge, its rear edge at the backrest, and the top of the backrest. On a
-mattress: the surface below the thighs, the start of the raised back, and its upper end."""
-FURNITURE_POINTS: tuple[FurniturePoint, ...] = get_args(FurniturePoint)
+FurniturePoint = Literal["front", "rear", "top", "headrest"]
+"""Points that measure a seat: its front edge, its rear edge at the backrest, the top of the backrest, and the front of
+the headrest. On a mattress: the surface below the thighs, the start of the raised back, its upper end, the pillow."""
+REQUIRED_FURNITURE_POINTS: tuple[FurniturePoint, ...] = ("front", "rear", "top")
+"""The points without which furniture is not measured."""
 Point = tuple[float, float, float]
 """A position in metres in ``local-floor``: x and z are horizontal, y is the height above the floor."""
 ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
@@ -76,13 +77,14 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def describe(self, *, seated: bool) -> str:
         """Returns the measures of the seat, or of the mattress, in one line of English."""
+        headrest = f", headrest {round(self.headrest_m, 3):g} m in front" if self.headrest_m else ""
         if not seated:
             return (
                 f"{round(self.mattress_height_m, 3):g} m high, back at {round(self.mattress_back_deg, 1):g}°"
+                f"{headrest}"
             )
         measures = f"{round(self.seat_height_m, 3):g} m high, {round(self.seat_depth_m, 3):g} m deep"
         tilt = f", tilted by {round(self.seat_tilt_deg, 1):g}°" if self.seat_tilt_deg else ""
-        headrest = f", headrest {round(self.headrest_m, 3):g} m in front" if self.headrest_m else ""
         return f"{measures}, back at {round(self.seat_back_deg, 1):g}°{tilt}{headrest}"
 
     def backrest_deg(self, posture: Posture) -> float:
@@ -107,25 +109,37 @@ def change_furniture(defaults: RealFurniture, **values: float | None) -> RealFur
 def measure_furniture(
     before: RealFurniture, points: Mapping[FurniturePoint, Point], *, seated: bool
 ) -> RealFurniture:
-    """Returns the furniture with the measures of a seat, or of a mattress, from three points.
+    """Returns the furniture with the measures of a seat, or of a mattress.
 
-    ``points``: the positions of ``FURNITURE_POINTS``. Measures that the points do not determine are those of
-    ``before``.
+    ``points``: the positions of ``REQUIRED_FURNITURE_POINTS``, and optionally of the headrest. Measures that the points
+    do not determine are those of ``before``.
 
     Raises:
         ValueError: for a value out of range. Then a point was not touched.
     """
-    (front_x, front_m, front_z), rear, top = (points[name] for name in FURNITURE_POINTS)
+    (front_x, front_m, front_z), rear, top = (points[name] for name in REQUIRED_FURNITURE_POINTS)
     run_x, run_z = rear[0] - front_x, rear[2] - front_z
     run_m = max(hypot(run_x, run_z), 1e-6)
-    behind_m = ((top[0] - rear[0]) * run_x + (top[2] - rear[2]) * run_z) / run_m
-    back_deg = degrees(atan2(top[1] - rear[1], behind_m))
+
+    def behind_and_above_m(point: Point) -> tuple[float, float]:
+        """Returns how far a point is behind the rear point, and above it."""
+        return ((point[0] - rear[0]) * run_x + (point[2] - rear[2]) * run_z) / run_m, point[1] - rear[1]
+
+    top_behind_m, top_above_m = behind_and_above_m(top)
+    back_rad = atan2(top_above_m, top_behind_m)
+    back_deg, headrest_m = degrees(back_rad), None
+    if "headrest" in points:
+        behind_m, above_m = behind_and_above_m(points["headrest"])
+        headrest_m = max(0.0, above_m * cos(back_rad) - behind_m * sin(back_rad))
     if not seated:
-        return change_furniture(before, mattress_height_m=rear[1], mattress_back_deg=back_deg)
+        return change_furniture(
+            before, mattress_height_m=rear[1], mattress_back_deg=back_deg, headrest_m=headrest_m
+        )
     return change_furniture(
         before,
         seat_height_m=front_m,
         seat_depth_m=hypot(run_m, rear[1] - front_m),
         seat_tilt_deg=degrees(atan2(front_m - rear[1], run_m)),
         seat_back_deg=back_deg,
+        headrest_m=headrest_m,
     )

@@ -10,7 +10,11 @@ import numpy as np
 from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSource
 from avrgym.models import human
 from avrgym.models.body_names import TrackedBodyPart
-from avrgym.models.furniture.real_furniture import FURNITURE_POINTS, FurniturePoint, measure_furniture
+from avrgym.models.furniture.real_furniture import (
+    REQUIRED_FURNITURE_POINTS,
+    FurniturePoint,
+    measure_furniture,
+)
 from avrgym.models.human import PROPORTIONS, SKIN_TONES, Person
 from avrgym.questionnaires.stop_rules import StopDecision
 from avrgym.recording import schema
@@ -266,7 +270,7 @@ class SessionState:
         return True
 
     def mark_point(self, point: FurniturePoint) -> None:
-        """Store a point of the real seat or mattress. The third point measures it; then calibration is due."""
+        """Store a point of the real seat or mattress. The last required point measures it; then calibration is due."""
         position = self.tracking.controller_position(self.now_s)
         if position is None:
             self.report_problem(
@@ -274,10 +278,10 @@ class SessionState:
             )
             return
         self._points[point] = position
-        missing = [name for name in FURNITURE_POINTS if name not in self._points]
+        missing = [name for name in REQUIRED_FURNITURE_POINTS if name not in self._points]
         if missing:
             self.report_problem(
-                f"{point}: {position[1]:.2f} m above the floor; mark {' and '.join(missing)} too"
+                f"{point}: {position[1]:.2f} m above the floor; still to mark: {', '.join(missing)}"
             )
             return
         points, self._points = self._points, {}
