@@ -105,10 +105,13 @@ def test_a_change_by_the_participant_is_stored_for_later_sessions(tmp_path: Path
             attended.confirms = False
             attended.run_until("check")
             attended.send(ChangePreferences())
-            for question, answer in zip(QUESTIONS, (2, 4, 3, 2), strict=True):
-                attended.send(Answer(question.name, answer, 1.0))
+            asked = [each.name for each in QUESTIONS if each.name != "pause_s"]
+            for name, answer in zip(asked, (2, 4, 3, 2, 1), strict=True):
+                attended.send(Answer(name, answer, 1.0))
             attended.leave()
-        changed = Preferences(speed=0.5, distance_m=0.2, side="right", bite_timing="after_swallowing")
+        changed = Preferences(
+            speed=0.5, distance_m=0.2, side="right", bite_timing="after_swallowing", force_share=0.1
+        )
         assert preferences_of(store, pseudonym) == changed
         assert "preferences changed" in [event.name for event in store.events()]
         rules = [
@@ -127,7 +130,7 @@ def test_the_command_line_shows_and_changes_preferences_in_words(tmp_path: Path)
     for change, message in (
         ("mood=good", "unknown preference 'mood'"),
         ("force_share=0.9", "can only lower the force limits"),
-        ("speed=fast", "Expected `float`"),
+        ("speed=fast", "speed is 'fast'; allowed: 0.25 to 1.25"),
         ("sources=switch", "allowed in this condition: key, nod"),
     ):
         refused = CliRunner().invoke(app, [*run, "--set", change])

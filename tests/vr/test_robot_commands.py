@@ -141,11 +141,12 @@ def test_a_participant_changes_their_preferences_between_trials(tmp_path: Path) 
     assert [each.item for each in asked(visit, 3, 5, 1)] == ["speed", "distance_m", "side", "bite_timing"]
     last = visit.received(Question)[-1]
     assert (last.labels, last.previous_answer) == (["by itself after a pause", "by itself when I face it"], 1)
-    visit.send(Answer("bite_timing", 2, 1.0))
-    visit.tick()
+    assert [each.item for each in asked(visit, 2, 3, 2)[-2:]] == ["pause_s", "force_share"]
     assert visit.phase == "ready"
     assert "waits 30 cm away from you, on your left" in visit.received(Phase)[-1].text
-    changed = Preferences(speed=0.8, distance_m=0.3, side="left", bite_timing="with_company")
+    changed = Preferences(
+        speed=0.8, distance_m=0.3, side="left", bite_timing="with_company", pause_s=8.0, force_share=0.2
+    )
     assert [each.rules and each.rules.preferences for each in visit.session.plan.trials] == [
         changed,
         rules.preferences,

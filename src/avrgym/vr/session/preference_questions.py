@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from avrgym.commands.preferences import Preferences, TrialRules, find_contradiction
+from avrgym.commands.preferences import DEFAULT_FORCE_SHARE, Preferences, TrialRules, find_contradiction
 from avrgym.questionnaires.questionnaire import Item
 
 
@@ -68,17 +68,35 @@ QUESTIONS = (
         ("on_cue", "after_swallowing", "with_company"),
         ("when I signal that I am ready", "by itself after a pause", "by itself when I face it"),
     ),
+    PreferenceQuestion(
+        "pause_s",
+        "How long should the robot pause before it continues by itself?",
+        (2.0, 4.0, 8.0, 15.0, 30.0),
+        ("2 s", "4 s", "8 s", "15 s", "30 s"),
+    ),
+    PreferenceQuestion(
+        "force_share",
+        "At which force on you should the robot pull back, compared with the usual limit?",
+        (0.1, 0.2, 0.3, 0.4, DEFAULT_FORCE_SHARE),
+        ("20 %", "40 %", "60 %", "80 %", "100 %"),
+    ),
 )
 """The questions in order. The German sentences are in ``texts/de.toml``."""
 
 
-def possible_questions(rules: Sequence[TrialRules]) -> list[PreferenceQuestion]:
-    """Returns the questions with more than one possible answer.
+def possible_questions(rules: Sequence[TrialRules], *, force_guard: bool) -> list[PreferenceQuestion]:
+    """Returns the questions with more than one possible answer that have an effect.
 
     Args:
         rules: the rules of all trials that use the participant's preferences.
+        force_guard: whether the force guard is on in these trials.
     """
-    questions = [question.possible(rules) for question in QUESTIONS]
+    without_effect = set[str]()
+    if not any(each.preferences.continues_without_command for each in rules):
+        without_effect.add("pause_s")
+    if not force_guard:
+        without_effect.add("force_share")
+    questions = [question.possible(rules) for question in QUESTIONS if question.name not in without_effect]
     return [question for question in questions if len(question.values) > 1]
 
 

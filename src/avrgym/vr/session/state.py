@@ -334,7 +334,7 @@ class SessionState:
             for trial in self.plan.trials
             if trial.allow_preference_changes and trial.rules is not None
         ]
-        return possible_questions(own)
+        return possible_questions(own, force_guard=self.plan.force_guard)
 
     def change_preferences(self, changes: dict[str, Any]) -> None:
         """Change the participant's preferences in all trials that use them. ``changes``: values by name."""
