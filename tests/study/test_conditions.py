@@ -158,6 +158,9 @@ def test_simulated_participants_command_only_the_paced_robot(tmp_path: Path) -> 
     (row,) = found.study_data.commands
     assert (row.policy, row.commands > 0, row.waiting_s > 0.0) == ("participant_paced", True, True)
     assert row.agreement_share == 1.0
+    notes = {row.policy: row.simulation_note for row in found.objective_outcomes if row.task == "Feeding"}
+    assert "no commands" not in notes["autonomous"]
+    assert notes["participant_paced"] == f"{notes['autonomous']}; the episodes have no commands and no preferences"
 
 
 SCENES = """

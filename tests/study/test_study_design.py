@@ -127,6 +127,14 @@ def test_added_questionnaires_have_their_moments() -> None:
     assert design.items_at_moment("after_session", 4) == design.items_at_moment("after_session", 4)
 
 
+def test_the_item_about_fatigue_needs_only_its_comment_marks_removed() -> None:
+    start = TEXT.index("# [[questionnaires]]")
+    end = TEXT.index("\n\n", start)
+    added = re.sub(r"(?m)^# ", "", TEXT[start:end])
+    (item,) = parse_design(TEXT[:start] + added + TEXT[end:]).items_at_moment("after_break")
+    assert (item.text, item.points) == ("How tired are you now?", 11)
+
+
 def test_ids_are_unique_in_all_questionnaires() -> None:
     with pytest.raises(DesignError, match="'L1' is used twice"):
         parse_design(TEXT + TLX.replace('"mental"', '"L1"'))

@@ -1,7 +1,7 @@
 """Reward and success of each condition in VR and in simulation, and tests between policies."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations, groupby, product
 from statistics import fmean, stdev
 from typing import Annotated
@@ -204,7 +204,12 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
             simulation_population=metadata.people, simulation_note="the policy file contains no results"
         )
     episodes, rate, mean, deviation = (float(metadata.measured[name]) for name in numbers)
-    return _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
+    result = _as_measured(metadata.people, int(episodes), rate, mean, deviation, store.design.trial_steps)
+    condition = store.design.conditions.get(policy)
+    if condition is None or not condition.uses_pacing_layer:
+        return result
+    notes = filter(None, (result.simulation_note, "the episodes have no commands and no preferences"))
+    return replace(result, simulation_note="; ".join(notes))
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
