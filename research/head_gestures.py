@@ -1,8 +1,9 @@
 """Measure the detection of nods and shakes on head motion of simulated people.
 
 ``python research/head_gestures.py [--worlds N] [--seed S]`` prints, for each behaviour style of the held-out zoo, the
-false alarms per minute while a robot feeds people who give no gestures, and the share of missed gestures. Gestures are
-added to the same head motion: 6 to 20° peak to peak, 1 to 3 Hz, two or three cycles, one every four seconds.
+false alarms per minute while a robot feeds people who give no gestures, and the share of missed gestures. The last
+lines are totals over all styles with other thresholds. Gestures are added to the same head motion: 6 to 20° peak to
+peak, 1 to 3 Hz, two or three cycles, one every four seconds.
 """
 
 import argparse
@@ -19,6 +20,9 @@ from avrgym.tasks.episodes import Episodes
 ENVIRONMENT, STEPS = "avrgym/FeedingJaco-v1", 200
 INTERVAL_S, LATEST_S = 4.0, 0.6
 """Time between two gestures, and the latest detection after the end of a gesture."""
+THRESHOLDS = [
+    GestureThresholds(swing_deg=deg, swings=swings) for swings in (2, 3, 4) for deg in (3.0, 6.0, 9.0)
+]
 UP_IS_Y = transforms.from_axis_angle(np.array([1.0, 0.0, 0.0]), np.array(0.5 * np.pi))
 """Rotation from the axes of the detector to those of the model's head, whose vertical axis is z."""
 
@@ -49,9 +53,9 @@ def head_motion(people: str, worlds: int, seed: int) -> np.ndarray:
     return np.array(found)
 
 
-def detections(q: np.ndarray) -> list[tuple[float, int, str]]:
+def detections(q: np.ndarray, thresholds: GestureThresholds) -> list[tuple[float, int, str]]:
     """Time, head and name of each detected gesture."""
-    detector = HeadGestureDetector(GestureThresholds(), q.shape[1])
+    detector = HeadGestureDetector(thresholds, q.shape[1])
     found = []
     for sample, row in enumerate(q):
         for name, done in detector.update(row, sample * MIN_SAMPLE_INTERVAL_S).items():
@@ -82,25 +86,29 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=4)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    print(f"{'style':14} {'minutes':>7} {'false/min':>9} {'gestures':>8} {'missed':>7} {'as other':>8}")
-    total = np.zeros(5)
-    for style in STYLES:
-        q = head_motion(f"zoo/unseen/{style}", arguments.worlds, arguments.seed)
-        minutes = q.shape[1] * len(q) * MIN_SAMPLE_INTERVAL_S / 60.0
-        alarms = len(detections(q))
-        moved, added = with_gestures(q, np.random.default_rng(arguments.seed))
-        found = detections(moved)
-        hits = wrong = 0
-        for start_s, end_s, head, name in added:
-            names = {
-                each for time_s, who, each in found if who == head and start_s < time_s < end_s + LATEST_S
-            }
-            hits += name in names
-            wrong += bool(names - {name})
-        row = np.array([minutes, alarms, len(added), len(added) - hits, wrong])
-        total += row
+    motions = {
+        style: head_motion(f"zoo/unseen/{style}", arguments.worlds, arguments.seed) for style in STYLES
+    }
+    print(f"{'':14} {'minutes':>7} {'false/min':>9} {'gestures':>8} {'missed':>7} {'as other':>8}")
+    rows = {style: measured(q, GestureThresholds(), arguments.seed) for style, q in motions.items()}
+    for style, row in rows.items():
         print_row(style, row)
-    print_row("all", total)
+    for thresholds in THRESHOLDS:
+        row = sum(measured(q, thresholds, arguments.seed) for q in motions.values())
+        print_row(f"{thresholds.swing_deg:g}°, {thresholds.swings} swings", row)
+
+
+def measured(q: np.ndarray, thresholds: GestureThresholds, seed: int) -> np.ndarray:
+    """Minutes, false alarms, gestures, missed ones, and those detected as the other gesture."""
+    minutes = q.shape[1] * len(q) * MIN_SAMPLE_INTERVAL_S / 60.0
+    moved, added = with_gestures(q, np.random.default_rng(seed))
+    found = detections(moved, thresholds)
+    hits = wrong = 0
+    for start_s, end_s, head, name in added:
+        names = {each for time_s, who, each in found if who == head and start_s < time_s < end_s + LATEST_S}
+        hits += name in names
+        wrong += bool(names - {name})
+    return np.array([minutes, len(detections(q, thresholds)), len(added), len(added) - hits, wrong])
 
 
 def print_row(name: str, row: np.ndarray) -> None:

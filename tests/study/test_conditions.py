@@ -160,7 +160,10 @@ def test_simulated_participants_command_only_the_paced_robot(tmp_path: Path) -> 
     assert row.agreement_share == 1.0
     notes = {row.policy: row.simulation_note for row in found.objective_outcomes if row.task == "Feeding"}
     assert "no commands" not in notes["autonomous"]
-    assert notes["participant_paced"] == f"{notes['autonomous']}; the episodes have no commands and no preferences"
+    assert (
+        notes["participant_paced"]
+        == f"{notes['autonomous']}; the episodes have no commands and no preferences"
+    )
 
 
 SCENES = """

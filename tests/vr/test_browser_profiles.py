@@ -29,6 +29,7 @@ from helpers.vr.visit import ENVIRONMENT, constant_policies, result
 pytestmark = pytest.mark.usefixtures("relaxed_limits")
 
 LINE = Item("line", "How hard was it?", points=21, low="very low", high="very high")
+WORDS = Item("sick", "Nausea", 4, "none", "severe", ("none", "slight", "moderate", "severe"))
 SEGMENT = -102
 """The segment of the line that contains 14."""
 FIRST_TONE = 3
@@ -79,7 +80,7 @@ class Participation:
         before = [value for item, value in self.done if item == question["item"]]
         staged = self.profile.method not in ("controllers", "hands", "left-hand")
         if question["item"] != LINE.id:
-            self.choose(question["item"], 1 if question["points"] == 2 else 6)
+            self.choose(question["item"], 1 if question["points"] == 2 else min(question["points"], 6))
         elif before:
             self.choose(LINE.id, *((SEGMENT, 15) if staged else (15,)))
         else:
@@ -124,7 +125,7 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
         TrialPlan("avrgym/BedBathingJaco-v1", "drive", 1, practice=False),
     ]
     plan = SessionPlan(
-        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], LINE), trial_steps=200, countdown_s=0.3,
+        trials, "woman", 0.3, simulated=True, items=(LIKERT_ITEMS[0], WORDS, LINE), trial_steps=200, countdown_s=0.3,
         input_profile=profile, haptics=False, measure_reach=True,
         headset_check=HeadsetCheckPlan(rest_duration_s=0.5, stretch_duration_s=0.5, motion_duration_s=0.5),
     )  # fmt: skip
@@ -147,7 +148,7 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
     assert [result(each) for each in recordings] == ["stopped", "completed", "completed"]
     assert {each.configuration.input_profile for each in recordings} == {profile}
     values = [(record.item, record.value) for _, record in recordings[-1].messages_by_topic["/answers"]]
-    assert values == [(LIKERT_ITEMS[0].id, 6), (LINE.id, 14), (LINE.id, 15)]
+    assert values == [(LIKERT_ITEMS[0].id, 6), (WORDS.id, 4), (LINE.id, 14), (LINE.id, 15)]
 
 
 @pytest.mark.slow

@@ -30,7 +30,11 @@ CHAIR_AND_BED = (
     TrialPlan("avrgym/ScratchItchJaco-v1", "drive", seed=0, practice=True),
     TrialPlan("avrgym/BedBathingJaco-v1", "drive", seed=1, practice=False),
 )
-QUESTIONS = (LIKERT_ITEMS[0], Item("line", "How hard was it?", points=21, low="very low", high="very high"))
+QUESTIONS = (
+    LIKERT_ITEMS[0],
+    Item("sick", "Nausea", 4, "none", "severe", ("none", "slight", "moderate", "severe")),
+    Item("line", "How hard was it?", points=21, low="very low", high="very high"),
+)
 SIZES = [(390, 844), (1280, 720)]
 """A phone's and a computer's, pixels."""
 
@@ -174,7 +178,7 @@ LABEL_OF_FOCUSED = "document.activeElement.textContent.trim()"
 def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     name: str, sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
-    """Body, calibration, practice in the chair with a stop, trial in bed, buttons, a long scale, back, confirm."""
+    """Calibration, practice in the chair with a stop, trial in bed, numbers, words, a long scale, back, confirm."""
     size, profile = PARTICIPANTS[name]
     began = time.monotonic()
     observed: list[events.SessionEvent] = []
@@ -218,10 +222,12 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     page.get_by_text(QUESTIONS[0].text).wait_for()
     check("buttons")
     chooser.choose("6", lambda: shows(QUESTIONS[1].text))
+    check("words")
+    chooser.choose("severe", lambda: shows(QUESTIONS[2].text))
     check("line")
     answer_line()
     check("confirm")
-    chooser.choose("Back", lambda: shows(QUESTIONS[1].text))
+    chooser.choose("Back", lambda: shows(QUESTIONS[2].text))
     answer_line()
     chooser.choose("Done", lambda: shows("That was all"))
     check("finished")
@@ -232,7 +238,7 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     results = [event.result for event in observed if isinstance(event, events.TrialEnded)]
     assert results == ["stopped", "completed", "completed"]
     answers = [event.answer.value for event in observed if isinstance(event, events.Answered)]
-    assert answers == [6, 21]
+    assert answers == [6, 4, 21]
 
 
 def play(page: Page, server: LiveServer) -> None:
