@@ -33,6 +33,7 @@ WORDS = Item("sick", "Nausea", 4, "none", "severe", ("none", "slight", "moderate
 SEGMENT = -102
 """The segment of the line that contains 14."""
 FIRST_TONE = 3
+REST_BUTTON = -5
 PROFILES = {
     "controllers": InputProfile(),
     "hands": InputProfile("hands"),
@@ -96,11 +97,17 @@ class Participation:
             self.done.append((phase, FIRST_TONE))
         elif phase == "check" and ("check", AGAIN_BUTTON) not in self.done:
             self.choose(phase, AGAIN_BUTTON)
+        elif "break" not in [item for item, _ in self.done] and REST_BUTTON in self.offered:
+            self.choose("break", REST_BUTTON)
         elif phase == "confirm":
             self.choose(phase, BACK_BUTTON if ("confirm", BACK_BUTTON) not in self.done else DONE_BUTTON)
         else:
             self.lie_back()
             self.choose(phase, CONTINUE_BUTTON)
+
+    @property
+    def offered(self) -> list[int]:
+        return [button["value"] for button in self.journey.headset.call_emulator("buttons")]
 
     @property
     def tone(self) -> str:
@@ -118,10 +125,11 @@ class Participation:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PROFILES)
 def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
-    """Headset check, body, calibration, reach, practice with a stop, trial in bed, all item types, back, confirm."""
+    """Headset check, body, calibration, reach, practice with a stop, break, trial in bed, all item types, back."""
     profile = PROFILES[name]
     trials = [
         TrialPlan("avrgym/ScratchItchJaco-v1", "drive", 0, practice=True),
+        TrialPlan("avrgym/ScratchItchJaco-v1", "drive", 2, practice=True),
         TrialPlan("avrgym/BedBathingJaco-v1", "drive", 1, practice=False),
     ]
     plan = SessionPlan(
@@ -145,8 +153,9 @@ def test_each_profile_completes_a_session(name: str, tmp_path: Path) -> None:
     lost = {each.part for each in observed if isinstance(each, events.TrackingLost | events.TrackingTimedOut)}
     assert lost <= {"head", *profile.tracked_arms}
     recordings = [read_recording(path) for path in session.recordings]
-    assert [result(each) for each in recordings] == ["stopped", "completed", "completed"]
+    assert [result(each) for each in recordings] == ["stopped", "completed", "completed", "completed"]
     assert {each.configuration.input_profile for each in recordings} == {profile}
+    assert len([each for each in observed if isinstance(each, events.BreakEnded)]) == 1
     values = [(record.item, record.value) for _, record in recordings[-1].messages_by_topic["/answers"]]
     assert values == [(LIKERT_ITEMS[0].id, 6), (WORDS.id, 4), (LINE.id, 14), (LINE.id, 15)]
 
@@ -167,7 +176,7 @@ def test_a_participant_commands_by_a_look_at_an_icon(tmp_path: Path) -> None:
         person.lie_back()
         journey.headset.enter_vr()
         while journey.headset.call_emulator("phase")["name"] != "trial":
-            if CONTINUE_BUTTON in [button["value"] for button in journey.headset.call_emulator("buttons")]:
+            if CONTINUE_BUTTON in person.offered:
                 person.lie_back()
                 person.chooser.choose(CONTINUE_BUTTON)
             journey.headset.wait_for_frames(3)

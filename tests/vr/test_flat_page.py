@@ -28,6 +28,7 @@ ENDLESS = 100_000
 TRIAL_STEPS = 200
 CHAIR_AND_BED = (
     TrialPlan("avrgym/ScratchItchJaco-v1", "drive", seed=0, practice=True),
+    TrialPlan("avrgym/ScratchItchJaco-v1", "drive", seed=2, practice=True),
     TrialPlan("avrgym/BedBathingJaco-v1", "drive", seed=1, practice=False),
 )
 QUESTIONS = (
@@ -178,7 +179,7 @@ LABEL_OF_FOCUSED = "document.activeElement.textContent.trim()"
 def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     name: str, sessions: Callable[..., LiveServer], browser: Browser
 ) -> None:
-    """Calibration, practice in the chair with a stop, trial in bed, numbers, words, a long scale, back, confirm."""
+    """Calibration, practice in the chair, stop, break, trial in bed, numbers, words, a long scale, back, confirm."""
     size, profile = PARTICIPANTS[name]
     began = time.monotonic()
     observed: list[events.SessionEvent] = []
@@ -217,6 +218,10 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
             if phase == "check" and "again" not in found:
                 check("again")
                 chooser.choose("Measure again", lambda: server.session.phase_name != "check")
+            if "break" not in found and page.get_by_role("button", name="Take a break").is_visible():
+                chooser.choose("Take a break", lambda: server.session.phase_name == "break")
+                phase = "break"
+                check(phase)
             chooser.choose("Go on", lambda before=phase: server.session.phase_name != before)
         page.wait_for_timeout(100.0)
     page.get_by_text(QUESTIONS[0].text).wait_for()
@@ -233,10 +238,12 @@ def test_a_session_needs_only_keys_and_axe_finds_no_violations(
     check("finished")
     print(f"{name}: {(time.monotonic() - began) / 60:.1f} min, {chooser.presses} presses")
     assert found == {state: [] for state in found}
-    assert {"calibration", "check", "paused", "buttons", "line", "confirm", "finished"} <= {*found}
+    assert {"calibration", "check", "paused", "break", "buttons", "words", "line", "confirm", "finished"} <= {
+        *found
+    }
     assert [event.by for event in observed if isinstance(event, events.Stopped)] == ["participant"]
     results = [event.result for event in observed if isinstance(event, events.TrialEnded)]
-    assert results == ["stopped", "completed", "completed"]
+    assert results == ["stopped", "completed", "completed", "completed"]
     answers = [event.answer.value for event in observed if isinstance(event, events.Answered)]
     assert answers == [6, 4, 21]
 
