@@ -23,15 +23,16 @@ MAX_LOAD = 0.8
 INITIAL_CPU_SHARE = 0.35
 """Assumed load of a session before the first measurement, as a share of one core."""
 WINDOW_S = 30.0
-"""Time over which missed ticks are counted."""
+"""Time in seconds over which missed ticks are counted."""
 AVERAGED_REPORT_COUNT = 10
-"""Number of reports in a mean of the load."""
+"""Number of reports (one each second) in a mean of the load."""
 WARM_UP_DURATION_S = 20.0
-"""Time after its start in which a session does not yet use its full processor time."""
+"""Time in seconds after its start in which a session does not yet use its full processor time."""
 IDLE_WINDOW_S = 5.0
-"""Time over which the idle cores are measured. It must contain the start of the previous session."""
+"""Time in seconds over which the idle cores are measured. It must contain the start of the previous session."""
 IGNORED_STARTUP_S = 5.0
-"""Time after the start of a session without measurement. The session then builds its simulation models."""
+"""Time in seconds after the start of a session in which its load is not measured. The session then builds its models.
+"""
 
 
 @dataclass

@@ -30,7 +30,7 @@ from avrgym.vr.server.web_server import WebServer, check_client_page, open_liste
 
 MAX_PARTICIPANT_CONNECTIONS = 1000
 LOCK_FILE = "host.lock"
-"""File in the study's private folder that the host locks. Two hosts of one study would start the same sessions."""
+"""File in the study's private folder that the host locks. The lock prevents a second host of the same study."""
 
 
 class Host:

@@ -10,7 +10,7 @@ from avrgym.vr.server.authentication import AuthenticatedClient, Tokens
 from avrgym.vr.server.session_links import token_sha256
 
 REFRESH_INTERVAL_S = 1.0
-"""Interval in which tokens are read. A replaced token becomes invalid within this time."""
+"""Interval in seconds at which tokens are read. A replaced token becomes invalid within this time."""
 
 
 class InvitedParticipants(PollingThread):

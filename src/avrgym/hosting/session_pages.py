@@ -51,7 +51,7 @@ FORWARDED_RESPONSE_HEADERS = ("content-type", "etag", "cache-control", "vary")
 
 
 def _passed_on(address: tuple[str, int], path: str, request: Request) -> Response:
-    """Returns the response of the session's server."""
+    """Returns the response of the session's server at ``address`` to a GET request for ``path``."""
     if not all(character.isalnum() or character in "/._-" for character in path):
         raise HTTPException(404, f"no file {path}; reload the page")
     headers = {name: request.headers[name] for name in FORWARDED_REQUEST_HEADERS if name in request.headers}

@@ -32,17 +32,17 @@ from avrgym.vr.protocol.messages import CommandName
 from avrgym.vr.server.session_links import new_link
 
 STEP_S = 0.2
-"""Maximum time between two checks of all processes."""
+"""Maximum time in seconds between two checks of all processes."""
 WORKER_START_TIMEOUT_S = 120.0
 MAX_CRASHES = 5
 """After this number of crashes, the process of a session is not replaced. The participant can start a new session."""
 END_TIMEOUT_S = 60.0
-"""Time after the deadline for the questions after a session. Then its process ends."""
+"""Time in seconds after the deadline for the questions after a session. Then the session's process ends."""
 SESSION_ID_BYTES = 12
 EXPECTED_ITEM_TIME_S = 10.0
-"""Assumed time for an answer, used before any session was measured."""
+"""Assumed time in seconds for an answer, used before any session was measured."""
 EXPECTED_PREPARATION_TIME_S = 180.0
-"""Assumed time for headset check and calibration, used before any session was measured."""
+"""Assumed time in seconds for headset check and calibration, used before any session was measured."""
 
 State = Literal["starting", "running", "ending"]
 

@@ -34,7 +34,7 @@ POLL_INTERVAL_S = 0.1
 LOCK_FILE = "sessions.lock"
 """File in the study's private folder. The process of a session locks its participant's number in it."""
 EARLIER_PROCESS_TIMEOUT_S = 60.0
-"""Maximum time to wait for an earlier process of the same session, which ends after a crash of the host."""
+"""Maximum time in seconds to wait for the end of an earlier process of the same session after a crash of the host."""
 
 
 @dataclass(frozen=True)

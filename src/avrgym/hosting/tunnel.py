@@ -28,7 +28,7 @@ FORWARDED_HEADERS = (
     b"user-agent",
 )
 SESSION_START_TIMEOUT_S = 8.0
-"""Maximum waiting time for a session's process. The page connects again after 10 s."""
+"""Maximum time in seconds to wait for a session's process. The page connects again after 10 s."""
 START_POLL_INTERVAL_S = 0.1
 MAX_BUFFER_BYTES = 1 << 18
 """Maximum number of buffered bytes in one direction. Above it, reading from the other side pauses."""

@@ -4,7 +4,7 @@ import heapq
 from collections.abc import Sequence
 
 PRESENCE_TIMEOUT_S = 30.0
-"""Participants without a request in this time are removed from the list. Pages send a request every few seconds."""
+"""Time in seconds after which participants without a request are removed. Pages send a request every few seconds."""
 
 
 class WaitingList:

@@ -12,7 +12,7 @@ SCORE_DECIMALS = 9
 
 
 class ResponseScale(NamedTuple):
-    """Response scale of an item.
+    """Response scale of an item: equally spaced integer values.
 
     ``points``: number of options. ``lowest_value``: lowest value. ``step``: difference between neighbouring values.
     """

@@ -12,7 +12,7 @@ STOP_ACTIONS = ("pause", "end")
 
 
 class StopRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """If the answer to ``item`` has at least the value ``min_value``, the action ``action`` (pause or end) is executed.
+    """A rule: an answer to ``item`` of ``min_value`` or more executes ``action`` (pause or end the session).
 
     For a validated questionnaire, values are on its response scale. For other questionnaires, values are from 1 to
     ``points``.

@@ -62,7 +62,7 @@ def check_study(store: Store) -> list[Finding]:
 
 
 def check_object_store(store: Store) -> Iterator[Finding]:
-    """Download recordings that are only in the object store. Yields a finding if it cannot be used."""
+    """Download recordings that are only in the object store. Yields a finding if the object store cannot be used."""
     try:
         fetch_recordings(store)
     except StudyError as error:
@@ -70,7 +70,7 @@ def check_object_store(store: Store) -> Iterator[Finding]:
 
 
 def check_participants(store: Store) -> Iterator[Finding]:
-    """Yields findings about missing recordings and answers, and about differences between recordings and database."""
+    """Yields findings about missing recordings, missing answers, and differences between recordings and database."""
     for participant in store.participants():
         yield from _check_participant(store, participant, store.attempts(participant.pseudonym))
 
@@ -87,7 +87,7 @@ def check_orphaned_files(store: Store) -> Iterator[Finding]:
 
 
 def _is_of(name: str, pseudonyms: Collection[str]) -> bool:
-    """Returns whether the file belongs to a participant with one of these pseudonyms."""
+    """Returns whether the recording with the path ``name`` belongs to one of these participants."""
     return name.split("/")[1] in pseudonyms
 
 

@@ -33,7 +33,7 @@ from avrgym.texts.interface_texts import TEXTS_FOLDER, InvalidTextsError, normal
 ADMISSION_FIELDS = ("inclusion", "order of inclusion")
 """Design fields that only affect the admission of participants."""
 CONSENT_FIELD = "consent"
-"""Design field of the consent text. Another check compares it for each participant."""
+"""Design field of the consent text. ``check_consents`` compares it for each participant."""
 FIELDS_WITHOUT_EFFECT = ("title", "participants", "max_held_share", "max_repeats")
 """Design fields that do not affect participants. A different value is not an error."""
 
@@ -70,7 +70,7 @@ def check_design(store: Store) -> Iterator[Finding]:
 
 
 def check_stored_designs(store: Store) -> Iterator[Finding]:
-    """Yields a finding about sessions without a stored design. Earlier versions of AVR Gym stored no designs."""
+    """Yields a finding about sessions without a stored design, as in studies of AVR Gym 0.2."""
     sessions = session_designs(store)
     unknown = [entry for entry in sessions if entry.wordings is None]
     if unknown:

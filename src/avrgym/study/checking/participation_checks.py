@@ -57,7 +57,7 @@ def _check_list(store: Store) -> Iterator[Finding]:
 
 
 def _check_beginning(store: Store, listed: ParticipationEntries) -> Iterator[Finding]:
-    """Yields a finding if the list was started after the first enrolment."""
+    """Yields a finding if the participation list was started after the first enrolment."""
     first = min((each.enrolled_at for each in store.participants()), default=listed.begun_at)
     if first < listed.begun_at:
         detail = listed.contents_without_participant[0]["detail"]
@@ -83,7 +83,7 @@ def _check_events(store: Store) -> Iterator[Finding]:
 
 
 _CLOCK = timedelta(minutes=1)
-"""Allowed difference between the clocks of two computers."""
+"""Largest allowed difference between the clocks of two computers."""
 
 
 def participation_list_error(
@@ -105,7 +105,9 @@ def participation_list_error(
 
 
 def restored_recordings_message(deleted_at: str) -> str:
-    """Returns the error message about recordings of a deleted participant, for example from a backup."""
+    """Returns the error message about existing recordings of a deleted participant. ``deleted_at``: time of the
+    deletion.
+    """
     return (
         f"was deleted at {deleted_at}, but there are recordings of them, for example from a backup. They are ignored; "
         "`avrgym study delete-participant` removes them"

@@ -83,7 +83,7 @@ class _RecordedAttempt:
 
     @property
     def planned(self) -> tuple[str, str, int, bool]:
-        """Environment, policy, seed and practice: the values that a planned trial contains."""
+        """Environment, policy, seed, and whether the trial is practice. These values identify a planned trial."""
         configuration = self.configuration
         return configuration.environment, configuration.policy, configuration.seed, configuration.practice
 
@@ -199,7 +199,8 @@ class _Rebuilding:
     def _fitting(
         self, number: int, recorded_attempts: list[_RecordedAttempt], content: EntryContent | None
     ) -> dict[int, PlannedTrials]:
-        """Returns the trial plans that match the recordings, by cell of the design.
+        """Returns the trial plans that match the recordings, by cell. A cell is the index of a trial order in the
+        design.
 
         If the participation list contains the participant's cell, only this cell is considered.
         """
@@ -402,7 +403,7 @@ def _covers(plan: PlannedTrials, recorded_attempts: Iterable[_RecordedAttempt]) 
 def _adopt(plan: PlannedTrials, recorded_attempts: Iterable[_RecordedAttempt]) -> PlannedTrials:
     """Returns the plan with the recorded practice robots and seeds.
 
-    Earlier versions of AVR Gym sampled other values than the plan contains.
+    They differ from the plan in studies of earlier AVR Gym versions.
     """
     recorded = {each.configuration.trial_number: each.planned for each in recorded_attempts}
     return tuple(

@@ -34,7 +34,10 @@ def selection_p_value(blocks: Iterable[BlockCounts], selected_in_group: int) -> 
 
 
 def _hypergeometric(units: int, members: int, drawn: int) -> list[float]:
-    """Returns the hypergeometric probabilities that 0, 1, …, ``drawn`` of the selected units are in the group."""
+    """Returns the probability that 0, 1, …, ``drawn`` of the selected units are in the group (hypergeometric).
+
+    ``units``: number of units. ``members``: number of units in the group. ``drawn``: number of selected units.
+    """
     return [
         comb(members, hits) * comb(units - members, drawn - hits) / comb(units, drawn)
         for hits in range(drawn + 1)
@@ -90,7 +93,7 @@ def _too_many(trials: Sequence[AttemptedTrial], limit: int) -> Iterator[Finding]
 
 
 def _by_condition(trials: Sequence[AttemptedTrial], design: Design) -> Iterator[Finding]:
-    """Yields findings about policies with more or fewer repeats.
+    """Yields findings about policies with significantly more or fewer repeats than the other policies.
 
     If there are none, pairs of robot and policy are compared.
     """
@@ -130,7 +133,7 @@ def _count(group: str, own: Sequence[AttemptedTrial]) -> str:
 
 
 def _by_outcome(trials: Sequence[AttemptedTrial], steps: int) -> Iterator[Finding]:
-    """Yields a finding if repeats of finished first attempts depend on the outcome."""
+    """Yields a finding if repeats of finished first attempts depend significantly on success."""
     finished = [each for each in trials if (each.attempts[0].metrics.steps or 0) >= steps]
     p = _p(finished, _failed, _is_first_repeated)
     if p > OUTCOME_ALPHA:

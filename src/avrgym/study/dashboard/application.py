@@ -83,7 +83,7 @@ class LiveSessions(Protocol):
 
     @property
     def caregiver_session(self) -> int | None:
-        """The id of the session of the caregiver's link."""
+        """The id of the session that the caregiver's link opens; ``None`` before the first session of this server."""
         ...
 
     def change_input(self, pseudonym: str, profile: InputProfile) -> None:

@@ -21,7 +21,7 @@ MAX_BODY_BYTES = 1 << 10
 
 
 class CaregiverSession(Protocol):
-    """The session of the caregiver's link."""
+    """The session that the caregiver's link opens."""
 
     @property
     def caregiver_session(self) -> int | None:
@@ -30,7 +30,7 @@ class CaregiverSession(Protocol):
 
 
 class CaregiverAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The answer to an item, and the time from its display to the answer."""
+    """The caregiver's answer to an item, as an option number from 1. ``response_time_s``: time from display to answer."""
 
     item: str
     value: int

@@ -38,7 +38,7 @@ def audit_actor_of(caller: AuthenticatedClient) -> AuditActor:
 class CommandLogEntry:
     """Log entry of a command on the dashboard.
 
-    ``participant``: pseudonym of the participant. An enrolment sets the pseudonym after it is created.
+    ``participant``: pseudonym of the participant. For an enrolment, it is set after the new pseudonym is known.
     """
 
     participant: str | None

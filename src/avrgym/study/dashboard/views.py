@@ -259,7 +259,7 @@ def participant_view(store: Store, pseudonym: str) -> ParticipantView:
 
 
 def _short(store: Store) -> Iterator[str]:
-    """Yields a warning if disk space is low."""
+    """Yields a warning if less than ``MIN_FREE_DISK_BYTES`` of disk space are free."""
     free = shutil.disk_usage(store.folder).free
     if free < MIN_FREE_DISK_BYTES:
         yield (

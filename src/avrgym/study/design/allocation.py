@@ -51,7 +51,7 @@ def least_used_order_index(
 def order_indices_for_site(design: Design, site: str | None) -> list[int]:
     """Returns all cells (indices of trial orders) of the design, in the order in which a site uses them.
 
-    The order differs between sites: small sites then fill different cells.
+    The order differs between sites. Small sites therefore use different cells.
     """
     cells = len(trial_orders(design))
     if site is None:

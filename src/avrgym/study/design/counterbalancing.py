@@ -24,7 +24,9 @@ class TaskBlock:
 
 
 RANDOM_ARRANGEMENT_COUNT = 200
-"""Number of compared random arrangements. The arrangement with the most different rows within cells is used."""
+"""Number of random arrangements to compare. The arrangement whose trial orders contain the most different rows of the
+Williams square is used.
+"""
 
 TrialOrder = tuple[TaskBlock, ...]
 """The trial order of a participant: the task blocks in order."""
@@ -68,7 +70,11 @@ def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
 
 
 def _variety(row_of: IntArray) -> int:
-    """Returns the number of different rows in a cell, summed over all cells."""
+    """Returns the number of different rows of the Williams square in a cell, summed over all cells.
+
+    ``row_of`` (cells,
+    places): row of each block. A cell is the index of a trial order.
+    """
     return sum(len(set(rows)) for rows in row_of.tolist())
 
 

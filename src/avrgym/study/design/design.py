@@ -86,7 +86,7 @@ class RecordingsConfig(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Condition(ConditionRules, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """The rules of a condition, and settings of its scenes.
+    """A condition: a policy, the rules for commands of the participant, and settings of its scenes.
 
     ``settings`` replace the design's settings; default: the design's settings apply.
     """
@@ -166,7 +166,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
     @property
     def robot_policy_pairs(self) -> tuple[tuple[str, str], ...]:
-        """All pairs of robot and policy."""
+        """All pairs of robot and policy. The second name may be a condition."""
         return tuple(product(self.robots, self.policies))
 
     def policy_of_condition(self, name: str) -> str:

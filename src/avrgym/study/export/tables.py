@@ -75,7 +75,7 @@ def participant_tables(
     heights: TorsoHeightByAttempt,
     answered_items: AnsweredItems,
 ) -> dict[str, Iterable[Any]]:
-    """Returns the rows of the tables with one participant in each row, by table name.
+    """Returns the rows of all tables about participants, by table name. Each row is about one participant.
 
     ``attempts``: all attempts of the study. ``completed``: exported attempts, for the median torso heights.
     """
@@ -246,5 +246,5 @@ def _control_steps(store: Store, completed: Sequence[ExportedAttempt]) -> Iterat
 
 
 def _action_of(action: Sequence[float], joint: int) -> float | None:
-    """Returns the action of a joint; ``None`` if the arm does not have this joint."""
+    """Returns the action of a joint, from −1 to 1; ``None`` if the arm does not have this joint."""
     return action[joint] if joint < len(action) else None

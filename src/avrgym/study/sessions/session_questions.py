@@ -127,7 +127,7 @@ class SessionQuestions:
             send(self._questions.current_question())
 
     def _continue(self, given: Answer) -> None:
-        """Continue after a stored answer."""
+        """Show the next item after a stored answer; after the last answer, request a confirmation."""
         self._questions.store_answer(given)
         if self._questions.all_answered:
             self._send_item(self._send)

@@ -430,7 +430,7 @@ class EventRecorder:
         self._began_s = begun.time_s
 
     def _settle(self) -> None:
-        """End a running attempt after its end could not be stored."""
+        """Store the state ``failed`` for an attempt that still runs because its end could not be stored."""
         for attempt in self._store.attempts(self._pseudonym):
             if self._attempt is not None and attempt.id == self._attempt.id and attempt.state == "running":
                 end_incomplete_attempt(self._store, attempt.id, "failed")

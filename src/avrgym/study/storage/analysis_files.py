@@ -31,7 +31,7 @@ def remove_files(folder: Path, names: Iterable[str]) -> None:
 
 
 def remove_analysis(folder: Path) -> None:
-    """Remove the files of an analysis from a folder, ``results.json`` last. Other files are kept."""
+    """Remove the files of an analysis from a folder, ``results.json`` last. Other files remain."""
     names = previous_analysis_files(folder)
     if names is not None:
         remove_files(folder, [*names, RESULTS_FILE])

@@ -40,7 +40,7 @@ BACKUP_FOLDER = "backups"
 CHECKSUM_LOCK_TIMEOUT_S = 1.0
 """Maximum time in seconds to wait for the database lock when the checksum is stored."""
 RECONNECT_TIMEOUT_S, RECONNECT_INTERVAL_S = 30.0, 0.2
-"""Maximum time to wait for PostgreSQL, which restarts, and interval between two attempts to connect."""
+"""Maximum time in seconds to wait for a restart of PostgreSQL, and interval between two attempts to connect."""
 DATABASE_URL_VARIABLE = "AVRGYM_STUDY_DATABASE"
 """Environment variable with the database URL. It replaces the URL in ``study.toml``."""
 MIGRATIONS_FOLDER = Path(__file__).parent / "migrations"
@@ -220,7 +220,7 @@ class Database:
         self._wrote = not self.read_only
 
     def _store_integrity(self) -> None:
-        """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks are kept."""
+        """Store the file's checksum and the head of the hash chain. Stored heads that the chain lacks remain."""
         with self._lock(wait_s=CHECKSUM_LOCK_TIMEOUT_S) as connection:
             with suppress(IntegrityFileError):
                 ends = hash_chain.missing_chain_heads(connection, self._integrity.read_heads() or ())

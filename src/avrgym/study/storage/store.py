@@ -455,7 +455,7 @@ def latest_event_value(store: Store, pseudonym: str, name: str, kind: type[T]) -
 
 
 def record_event_value(connection: sa.Connection, pseudonym: str, name: str, value: msgspec.Struct) -> None:
-    """Store a value as JSON in an event of a participant. ``latest_event_value`` reads it.
+    """Store a value as JSON in a new event of a participant. ``name``: name of the event.
 
     Raises:
         StudyError: for an unknown participant.
