@@ -124,7 +124,7 @@ def _session_stage(
 
 
 def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
-    """Returns whether no trial or question remains, even if the session's last process crashed before it stored this."""
+    """Returns whether no trial or question remains, even after a crash of the session's last process."""
     has_questions = bool(store.design.items_at_moment("after_session")) and not pool.session_error_of(
         pseudonym
     )

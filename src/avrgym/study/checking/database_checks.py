@@ -104,6 +104,6 @@ def _check_encryption(store: Store) -> Iterator[Finding]:
 
 
 def fix_permissions(store: Store) -> None:
-    """Give only the owner access to the study's files. Raises ``OSError`` if the operating system does not allow this."""
+    """Give only the owner access to the study's files. Raises ``OSError`` if the system does not allow this."""
     for name in (identity_file.IDENTITY_FOLDER, *_PRIVATE):
         restrict_to_owner(store.folder / name)

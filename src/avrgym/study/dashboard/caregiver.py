@@ -30,7 +30,7 @@ class CaregiverSession(Protocol):
 
 
 class CaregiverAnswer(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The caregiver's answer to an item, as an option number from 1. ``response_time_s``: time from display to answer."""
+    """The caregiver's answer to an item: an option number from 1. ``response_time_s``: time since the display."""
 
     item: str
     value: int

@@ -72,8 +72,7 @@ def _shuffled_square(size: int, rng: np.random.Generator) -> IntArray:
 def _variety(row_of: IntArray) -> int:
     """Returns the number of different rows of the Williams square in a cell, summed over all cells.
 
-    ``row_of`` (cells,
-    places): row of each block. A cell is the index of a trial order.
+    ``row_of`` (cells, places): row of each block. A cell is the index of a trial order.
     """
     return sum(len(set(rows)) for rows in row_of.tolist())
 
