@@ -10,7 +10,6 @@ import random
 import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -35,7 +34,7 @@ from helpers.hosting.hosted_participants import (
     take_part_in_other_process,
 )
 from helpers.hosting.served_host import Served, host_process
-from helpers.studies.object_store_server import object_store_server, set_object_store
+from helpers.studies.object_store_server import object_store_server, set_object_store, stop_for
 from helpers.studies.small_studies import (
     make_study,
     new_postgresql_database,
@@ -158,10 +157,7 @@ def _object_store() -> Iterator[_Fault]:
         set_object_store(patch, port)
 
         def stop() -> bool:
-            process.send_signal(signal.SIGSTOP)
-            timer = threading.Timer(STORE_STOP_S, process.send_signal, (signal.SIGCONT,))
-            timer.start()
-            timers.callback(timer.join)
+            timers.callback(stop_for(process, STORE_STOP_S).join)
             return True
 
         yield stop
@@ -173,7 +169,8 @@ def _not_uploaded(store: Store) -> list[str]:
         return []
     ends_s = time.monotonic() + UPLOAD_TIMEOUT_S
     attempts = [each for one in store.participants() for each in store.attempts(one.pseudonym)]
-    missing = {each.recording: store.absolute_path(each.recording).stat().st_size for each in attempts}
+    paths = {each.recording: store.absolute_path(each.recording) for each in attempts}
+    missing = {name: path.stat().st_size for name, path in paths.items() if path.exists()}
     while missing and time.monotonic() < ends_s:
         time.sleep(1.0)
         with suppress(StudyError):

@@ -1,7 +1,7 @@
-"""Participants of a study whose sessions run on the nodes of a Ray cluster, while workers and a node are killed.
+"""Participants of a study whose sessions run on the nodes of a Ray cluster, while processes and services fail.
 
 Needs Ray, which ``make test-engines`` installs, and a PostgreSQL server. Run it with other numbers:
-``python tests/soak/soak_host_cluster.py PARTICIPANTS WORKERS_KILLED NODES_KILLED`` with 0 or 1 node.
+``python tests/soak/soak_host_cluster.py PARTICIPANTS WORKERS_KILLED NODES_KILLED STORE_STOPS`` with 0 or 1 node.
 """
 
 import json
@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -24,43 +25,61 @@ from avrgym.system.cluster import connect
 from helpers.hosting.hosted_participants import host_participants
 from helpers.hosting.services import database_and_object_store
 from helpers.learning.ray_nodes import kill_node_named, ray_nodes
+from helpers.studies.object_store_server import stop_for
 from helpers.studies.small_studies import postgresql_programs
 
+STORE_STOP_S = 60.0
+SHORT = {"practice_policy": '""', "trial_steps": "30", "free_movement_s": "0.5"}
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray closes its processes and files at shutdown
 
 
 @pytest.mark.skipif(postgresql_programs() is None, reason="PostgreSQL's server is not installed")
 def test_participants_on_two_nodes_with_killed_workers_and_nodes(tmp_path: Path) -> None:
-    figures = host_on_cluster(tmp_path / "study", participants=4, workers=2, nodes=1)
+    figures = host_on_cluster(tmp_path / "study", participants=4, workers=2, nodes=1, store_stops=1)
     print(json.dumps(figures, indent=2))
     assert figures["completed"] == 4
-    assert (figures["killed"], figures["nodes_killed"]) == (3, 1)
-    assert figures["lost_trials"] == 0
-    assert figures["faults"] == []
+    assert (figures["killed"], figures["lost_trials"], figures["faults"]) == (4, 0, [])
 
 
-def host_on_cluster(folder: Path, participants: int, workers: int, nodes: int) -> dict[str, Any]:
-    """Host a study on a cluster of two nodes. Kill processes of sessions, then 0 or 1 node. Returns figures."""
-    killed_nodes: list[str] = []
-    with database_and_object_store(), ray_nodes(1, 1) as cluster, connect(cluster.address) as connected:
+def host_on_cluster(
+    folder: Path, participants: int, workers: int, nodes: int, store_stops: int
+) -> dict[str, Any]:
+    """Host a study on a cluster of two nodes while processes and services fail. Returns figures.
 
-        def kill(session: HostedSession) -> None:
-            if workers > len(killed_workers):
-                killed_workers.append(session.id)
-                os.kill(session.process.pid or 0, signal.SIGKILL)
-                return
+    ``workers``: number of killed processes of sessions. ``nodes``: number of killed nodes, 0 or 1. ``store_stops``:
+    number of times at which the object store does not answer for ``STORE_STOP_S``.
+    """
+    with (
+        database_and_object_store() as object_store,
+        ray_nodes(1, 1) as cluster,
+        connect(cluster.address) as connected,
+        ExitStack() as timers,
+    ):
+
+        def kill_worker(session: HostedSession) -> None:
+            os.kill(session.process.pid or 0, signal.SIGKILL)
+
+        def stop_store(_: HostedSession) -> None:
+            timers.callback(stop_for(object_store, STORE_STOP_S).join)
+
+        def kill_its_node(session: HostedSession) -> None:
             assert isinstance(session.computer, RayNode)
-            killed_nodes.append(session.computer.name)
             kill_node_named(cluster, session.computer.name)
 
-        killed_workers: list[str] = []
-        figures = host_participants(
-            folder, participants, workers + nodes, lambda store: RayNodes(store, connected), kill
+        faults = iter(
+            [kill_worker] * workers + [stop_store] * store_stops + [kill_its_node] * nodes,
         )
-    return figures | {"nodes_killed": len(set(killed_nodes))}
+        return host_participants(
+            folder,
+            participants,
+            workers + nodes + store_stops,
+            lambda store: RayNodes(store, connected),
+            lambda session: next(faults)(session),
+            **SHORT,
+        )
 
 
 if __name__ == "__main__":
     with tempfile.TemporaryDirectory() as temporary:
-        figures = host_on_cluster(Path(temporary) / "study", *map(int, sys.argv[1:4]))
+        figures = host_on_cluster(Path(temporary) / "study", *map(int, sys.argv[1:5]))
         print(json.dumps(figures, indent=2))

@@ -45,12 +45,14 @@ def host_participants(
     kill: Callable[[HostedSession], object] = lambda session: os.kill(
         session.process.pid or 0, signal.SIGKILL
     ),
+    **changes: str,
 ) -> dict[str, Any]:
     """Host a study for emulated participants that start together. Returns figures about them.
 
     ``computers``: returns the computers that run sessions, see ``Host``. ``kill``: ends the process of a session.
+    ``changes``: changed values of the design, in TOML syntax.
     """
-    make_study(folder, **DESIGN)
+    make_study(folder, **DESIGN | changes)
     (folder / "host.toml").write_text(SETTINGS)
     with Store(folder) as store, Host(store, computers=computers(store)) as host:
         invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]

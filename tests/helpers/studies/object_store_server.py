@@ -1,8 +1,10 @@
 """A server with the S3 protocol on this computer: moto in its own process."""
 
 import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -38,6 +40,14 @@ def object_store_server(port: int) -> Iterator[subprocess.Popen[bytes]]:
             yield process
         finally:
             process.kill()
+
+
+def stop_for(process: subprocess.Popen[bytes], seconds: float) -> threading.Timer:
+    """Stop the server's process for a time. It then accepts connections, but does not answer. Returns the timer."""
+    process.send_signal(signal.SIGSTOP)
+    timer = threading.Timer(seconds, process.send_signal, (signal.SIGCONT,))
+    timer.start()
+    return timer
 
 
 def _await(port: int) -> None:
