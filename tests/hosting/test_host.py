@@ -3,6 +3,7 @@
 import os
 import signal
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -10,6 +11,7 @@ from avrgym.hosting import participant_app, session_pool
 from avrgym.hosting.data_requests import DeletionThread
 from avrgym.hosting.host import Host
 from avrgym.study.storage.sessions import open_session
+from avrgym.study.storage.states import LostConnectionError
 from avrgym.study.storage.store import Store, change_state
 from avrgym.vr.protocol.messages import Language, Phase, Problem, Welcome
 from helpers.hosting.served_host import Served, first, wait_until
@@ -181,3 +183,26 @@ def test_requests_of_an_address_are_limited(tmp_path: Path, monkeypatch: pytest.
         assert limited.post("invitation", token=limited.invite()).status_code == 429
         assert limited.post("headset", code="12345678").status_code == 429
         assert limited.request("GET", "/api/stage", "x").status_code == 429
+
+
+def test_requests_are_repeated_when_the_connection_to_the_database_is_lost(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, token = served.enrol()
+    shown = served.stage(token)
+    lost = ["stage", "consent"]
+    known = participant_app.stage_of
+
+    def lose_connection(*arguments: Any, **options: Any) -> Any:
+        if lost:
+            raise LostConnectionError(lost.pop(0))
+        return known(*arguments, **options)
+
+    monkeypatch.setattr(participant_app, "stage_of", lose_connection)
+    assert served.stage(token) == shown
+    lost = ["consent"]
+    agreed = {"version": shown["version"], "sha256": shown["sha256"], "agreed": True}
+    assert served.post("consent", token, **agreed).status_code == 204
+    lost = ["the database is away"] * 3
+    assert served.request("GET", "/api/stage", token).status_code == 503
+    assert served.stage(token)["type"] == "inclusion"

@@ -49,7 +49,8 @@ from avrgym.study.people.participants import (
     record_inclusion,
     withdraw,
 )
-from avrgym.study.storage.states import StudyError
+from avrgym.study.sessions.threads import repeat_interrupted
+from avrgym.study.storage.states import LostConnectionError, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.texts.interface_texts import read_texts
 from avrgym.vr.server.authentication import SameOriginMiddleware
@@ -217,6 +218,7 @@ def participant_app(
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts)
     app.add_exception_handler(InvitationError, _refuse_invitation)
     app.add_exception_handler(StudyError, make_error_handler(409))
+    app.add_exception_handler(LostConnectionError, make_error_handler(503))
     app.add_exception_handler(OSError, make_error_handler(507))
 
     def limited(request: Request) -> None:
@@ -267,12 +269,7 @@ def participant_app(
 
     @app.get("/api/stage")
     def read_stage(request: Request, pseudonym: Annotated[str, Depends(participant)]) -> Response:
-        if own.pool.place(pseudonym) is not None:
-            own.pool.join(pseudonym)
-        texts = read_texts(own.store.participant(pseudonym).language or "en", own.store.folder)
-        language = {"language": texts.language, "direction": texts.direction, "texts": dict(texts.page)}
-        stage = to_json(own.stage(pseudonym))
-        return json_response({"title": own.store.design.title, "stage": stage, "language": language})
+        return json_response(repeat_interrupted(lambda: _progress(own, pseudonym)))
 
     @app.post("/api/code")
     def read_code(request: Request, _: Annotated[str, Depends(participant)]) -> Response:
@@ -287,6 +284,15 @@ def participant_app(
     app.get("/favicon.svg")(make_page_endpoint("favicon.svg"))
     app.get("/api/settings")(lambda: json_response(msgspec.to_builtins(own.settings.parameters)))
     return app
+
+
+def _progress(own: Participation, pseudonym: str) -> dict[str, Any]:
+    """Returns title, stage and texts for a participant's page. A waiting participant counts as present."""
+    if own.pool.place(pseudonym) is not None:
+        own.pool.join(pseudonym)
+    texts = read_texts(own.store.participant(pseudonym).language or "en", own.store.folder)
+    language = {"language": texts.language, "direction": texts.direction, "texts": dict(texts.page)}
+    return {"title": own.store.design.title, "stage": to_json(own.stage(pseudonym)), "language": language}
 
 
 def _check_open(state: HostState) -> None:
@@ -313,7 +319,7 @@ def _endpoint(
     async def endpoint(request: Request) -> Response:
         pseudonym = await run_in_threadpool(participant, request)
         body = await decode_json_body(request, kind, MAX_BODY_BYTES)
-        await run_in_threadpool(act, own, pseudonym, body)
+        await run_in_threadpool(repeat_interrupted, lambda: act(own, pseudonym, body))
         return Response(status_code=204)
 
     return endpoint

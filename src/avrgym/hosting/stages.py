@@ -115,7 +115,10 @@ def _session_stage(
     if place is not None:
         return WaitingStage(place.position, minutes_rounded_up(place.wait_s))
     if _is_finished(store, pool, pseudonym):
-        close_session(store, open_session(store, pseudonym).id)  # the participant is completed then
+        if (
+            store.participant(pseudonym).state == "allocated"
+        ):  # the session may have ended since the first query
+            close_session(store, open_session(store, pseudonym).id)  # the participant is completed then
         return stage_of(store, settings, pool, pseudonym, is_open=is_open)
     remaining = len(store.remaining_trials(pseudonym))
     return ReadyStage(

@@ -29,6 +29,7 @@ RECONNECT_S = 0.3
 MAX_SENT = 400
 WAITING_PHASES = ("headset", "calibration", "check", "ready", "break", "paused", "confirm")
 LEAVING_TRIAL = 2
+DATABASE_IS_AWAY = 503
 STATE_TAG = b"\xa4type\xa5state"
 Course = Literal["completes", "is screened out", "withdraws", "leaves"]
 """What a participant does. The last two end in the second trial: with a withdrawal, or without a word."""
@@ -97,12 +98,18 @@ class EmulatedParticipant:
         own = {"authorization": f"Bearer {given.json()['token']}"}
 
         async def act(name: str, **body: object) -> None:
-            (await web.post(f"/api/{name}", json=body, headers=own)).raise_for_status()
+            with suppress(httpx.TransportError):  # the host starts again; the next stage repeats the action
+                answer = await web.post(f"/api/{name}", json=body, headers=own)
+                if answer.status_code != DATABASE_IS_AWAY:
+                    answer.raise_for_status()
 
         while True:
             try:
                 response = await web.get("/api/stage", headers=own)
             except httpx.TransportError:  # the host starts again
+                await asyncio.sleep(POLL_S)
+                continue
+            if response.status_code == DATABASE_IS_AWAY:
                 await asyncio.sleep(POLL_S)
                 continue
             if response.is_error:

@@ -4,11 +4,14 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import suppress
+from typing import TypeVar
 
 from avrgym.study.storage.polling import PollingThread
 from avrgym.study.storage.rows import StudySession
 from avrgym.study.storage.states import LostConnectionError
 from avrgym.study.storage.store import Store, find_rows
+
+Result = TypeVar("Result")
 
 
 class StorageThread(ThreadPoolExecutor):
@@ -42,7 +45,7 @@ class StorageQueue:
 
         A task that fails because the connection to the database is lost is repeated.
         """
-        return self._thread.submit(_store, store)
+        return self._thread.submit(repeat_interrupted, store)
 
     def is_done(self) -> bool:
         """Returns whether all tasks of ``submit_checked`` are done. Raises the error of a failed task once."""
@@ -56,7 +59,8 @@ class StorageQueue:
             yield self._pending.popleft()
 
 
-def _store(task: Callable[[], None]) -> None:
+def repeat_interrupted(task: Callable[[], Result]) -> Result:
+    """Run a task. Repeat it if the connection to the database is lost. Returns its result."""
     for _ in range(MAX_REPEATS):
         with suppress(LostConnectionError):
             return task()
