@@ -16,6 +16,7 @@ from statistics import fmean
 import numpy as np
 
 from avrgym.array_types import FloatArray
+from avrgym.learning.preference_reward import FORCE_TERM
 from avrgym.study.export.trials import completed_attempts
 from avrgym.study.storage.remote_recordings import fetch_recordings
 from avrgym.study.storage.states import StudyError
@@ -24,8 +25,6 @@ from avrgym.system.files import write_atomically
 
 COMFORT_ITEMS = ("L2", "L3")
 """The paper's statements about comfort and safety."""
-FORCE_TERM = "force_on_person_n"
-"""Name of the term for the mean contact force on the person (N)."""
 RIDGE_PENALTY = 1.0
 """Strength of the penalty on squared weights of standardised terms."""
 NEWTON_STEPS = 30

@@ -15,12 +15,14 @@ from avrgym.cli.options import (
 from avrgym.cli.progress import CONTINUE_HINT, progress_bar
 from avrgym.cli.serve import wait_for_server
 from avrgym.cli.terminal import print_line, report_errors
+from avrgym.policies.names import OPERATOR_POLICY, POLICY_CHOICES
 from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.vr.server.addresses import ALL_INTERFACES, DEFAULT_PORT, LOOPBACK_HOSTS
 
 if TYPE_CHECKING:
     from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan
     from avrgym.vr.demonstration.storage import DemonstrationFolder
+    from avrgym.vr.live_world.drivers import OperatorDriver
 
 
 def demonstrate(
@@ -38,10 +40,17 @@ def demonstrate(
     out: Annotated[
         Path, typer.Option(help="The folder of recordings and success marks; an existing one is continued.")
     ] = Path("demonstrations"),
+    policy: Annotated[
+        str,
+        typer.Option(
+            help=f"The policy that drives until you take over to correct it: {POLICY_CHOICES}. Default: you drive."
+        ),
+    ] = OPERATOR_POLICY,
     simulated: Annotated[
         bool,
         typer.Option(
-            "--simulated", help="The task's expert drives, with human delay and noise, in simulated time."
+            "--simulated",
+            help="A simulated operator drives, in simulated time: the task's expert with human delay and noise.",
         ),
     ] = False,
     force_guard: Annotated[
@@ -63,7 +72,7 @@ def demonstrate(
 ) -> None:
     """Record demonstrations with simulated people.
 
-    You drive the robot in VR, or by keyboard or gamepad.
+    You drive the robot in VR, or by keyboard or gamepad. With --policy you correct a policy.
 
     Each episode has another person. You start it, and end it as a success or discard it, by button.
     """
@@ -81,12 +90,14 @@ def demonstrate(
             seed,
             force_guard,
             parse_settings(settings or []),
+            policy,
         )
+        driver = _make_driver(plan, background=not simulated)
         folder = DemonstrationFolder(out, env)
         if simulated:
-            _simulate(plan, folder)
+            _simulate(plan, folder, driver)
         else:
-            _serve(plan, folder, port, lan=lan)
+            _serve(plan, folder, driver, port, lan=lan)
         recorded, successes = folder.count("completed"), folder.count("completed", success=True)
         print_line(
             f"{out}: {recorded} episodes, {successes} successes, {folder.count('discarded')} discarded"
@@ -96,19 +107,38 @@ def demonstrate(
             print_line(f"    avrgym export demonstrations {out} dataset")
 
 
-def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder") -> None:
+def _make_driver(plan: "DemonstrationPlan", *, background: bool) -> "OperatorDriver":
+    """Returns the driver of the robot. Raises ``ValueError`` if the policy cannot be loaded."""
+    from avrgym.policies.registry import resolve_session_policy
+    from avrgym.vr.live_world.corrected_driver import CorrectedDriver
+    from avrgym.vr.live_world.drivers import OperatorDriver
+
+    if plan.policy == OPERATOR_POLICY:
+        return OperatorDriver()
+    policy = resolve_session_policy(plan.policy, plan.environment, plan.settings)
+    return CorrectedDriver(policy, plan.policy, background=background)
+
+
+def _simulate(plan: "DemonstrationPlan", folder: "DemonstrationFolder", driver: "OperatorDriver") -> None:
     from avrgym.vr.demonstration.session import DemonstrationSession
     from avrgym.vr.demonstration.simulated import demonstrate as run
     from avrgym.vr.session.preparation import ImmediateExecutor
 
     session = DemonstrationSession(
-        plan, folder, lambda message: None, ImmediateExecutor(), driven_by="simulated"
+        plan, folder, lambda message: None, ImmediateExecutor(), driver=driver, driven_by="simulated"
     )
     with progress_bar("demonstrations", plan.episodes, "episodes", CONTINUE_HINT) as bar:
         run(session, plan.seed, progress=lambda: bar.update(folder.count("completed")))
 
 
-def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, *, lan: bool) -> None:
+def _serve(
+    plan: "DemonstrationPlan",
+    folder: "DemonstrationFolder",
+    driver: "OperatorDriver",
+    port: int,
+    *,
+    lan: bool,
+) -> None:
     from concurrent.futures import ThreadPoolExecutor
 
     from avrgym.system.files import user_data_folder
@@ -121,7 +151,10 @@ def _serve(plan: "DemonstrationPlan", folder: "DemonstrationFolder", port: int, 
     with (
         ThreadPoolExecutor(1) as workers,
         LiveServer(
-            lambda send: DemonstrationSession(plan, folder, send, workers), host, port, certificate
+            lambda send: DemonstrationSession(plan, folder, send, workers, driver=driver),
+            host,
+            port,
+            certificate,
         ) as server,
     ):
         server.export_next_scene()

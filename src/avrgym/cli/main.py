@@ -2,6 +2,7 @@
 
 from avrgym.cli.analysis import analyze, fit_reward
 from avrgym.cli.bench import app as bench_commands
+from avrgym.cli.clone import clone
 from avrgym.cli.demo import demo
 from avrgym.cli.demonstrate import demonstrate
 from avrgym.cli.doctor import doctor
@@ -47,6 +48,7 @@ for command in (
     demonstrate,
     envs,
     train,
+    clone,
     sweep,
     evaluate,
     fit_people,

@@ -45,6 +45,7 @@ OPTIONS_FIXED_BY_RECIPE: dict[str | None, tuple[str, ...]] = {
         "--engine",
         "--withdraw-after-success",
         "--episode-steps",
+        "--reward",
     ),
 }
 RECIPE_OF_OPTION = {
@@ -58,6 +59,7 @@ RECIPE_OF_OPTION = {
 NEW_RUN_OPTIONS = (
     "--config",
     "--num-envs",
+    "--reward",
     "--force-guard",
     "--withdraw-after-success",
     "--set",
@@ -135,6 +137,13 @@ def train(
             "--own-reward", help="With --recipe pair: each agent's reward has its own action penalty only."
         ),
     ] = False,
+    reward: Annotated[
+        Path | None,
+        typer.Option(
+            help="A file of `avrgym fit-reward`: its weights add a reward for participants' preferences.",
+            metavar="FILE",
+        ),
+    ] = None,
     force_guard: ForceGuardOption = False,
     withdraw_after_success: WithdrawAfterSuccessOption = False,
     settings: SettingsOption = None,
@@ -165,6 +174,7 @@ def train(
     The command needs the extra `train`.
     """
     from avrgym.learning.hyperparameter_files import hyperparameters_text
+    from avrgym.learning.preference_reward import read_preference_weights
     from avrgym.people.populations import HUMAN_POLICY_FILE
     from avrgym.simulation.engines.engine import check_engine_name
     from avrgym.tasks.registry import find_environment
@@ -186,6 +196,7 @@ def train(
             "--imitation-share": imitation_share is not None,
             "--alternate": bool(alternate),
             "--own-reward": own_reward,
+            "--reward": reward is not None,
             "--force-guard": force_guard,
             "--withdraw-after-success": withdraw_after_success,
             "--set": bool(settings),
@@ -218,6 +229,7 @@ def train(
                 "imitation_share": imitation_share,
                 "alternate": alternate,
                 "own_reward": own_reward,
+                "preference_weights": None if reward is None else read_preference_weights(reward, env),
             }
             configuration = _configuration(env, seed, recipe, config, options)
         with (
@@ -265,7 +277,15 @@ def _configuration(
     from avrgym.learning.hyperparameters import DEFAULT_TRAINING_STEPS, PAPER_STEPS
     from avrgym.learning.hyperparameters import PAPER_HYPERPARAMETERS as OF_PAPER
 
-    common = ("steps", "num_envs", "force_guard", "withdraw_after_success", "settings", "episode_steps")
+    common = (
+        "steps",
+        "num_envs",
+        "force_guard",
+        "withdraw_after_success",
+        "settings",
+        "episode_steps",
+        "preference_weights",
+    )
     names = (*common, *(("teacher", "initial", "imitation_share") if recipe == ADAPTIVE else ()))
     given = {name: options[name] for name in names if options[name] is not None}
     if recipe == ADAPTIVE:

@@ -1,7 +1,7 @@
 """Configurations of training runs: environment, people, number of steps, and hyperparameters."""
 
 from abc import abstractmethod
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -63,6 +63,7 @@ class TrainingConfiguration:
     ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
     force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
     ``motion_version`` is the version of the motion model, for people without a version in their name.
+    ``preference_weights`` are weights of an additional reward, see ``preference_reward``.
     """
 
     environment: str
@@ -76,6 +77,7 @@ class TrainingConfiguration:
     settings: Settings = DEFAULT_SETTINGS
     episode_steps: int = EPISODE_STEPS
     motion_version: int = MOTION_VERSION
+    preference_weights: dict[str, float] = field(default_factory=dict[str, float])
 
     @property
     def steps_per_update(self) -> int:

@@ -260,6 +260,7 @@ class FeedforwardRecipe:
                 expert_controlled=None if expert_drives is None else expert_drives[worlds],
                 force_weight_per_n=0.0 if noise_seed is None else configuration.force_weight_at(steps),
                 detour_weight_per_m=configuration.detour_weight_per_m,
+                preference_weights=configuration.preference_weights,
                 shared_reward=configuration.pairing is None or configuration.pairing.shared_reward,
             )
             for worlds in self._parts

@@ -33,6 +33,8 @@ QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 UNUSED_STATE_FEATURE = "environment_state"
 """Feature of the values that the robot does not measure, in a dataset with images. Without the prefix
 ``observation``, LeRobot's policies do not use it: they should see the person in the images."""
+INTERVENTION = "intervention"
+"""Feature that marks the frames in which an operator corrected a policy."""
 Columns = Mapping[str, NumpyArray]
 """Values of frames, by feature."""
 
@@ -43,7 +45,8 @@ class DatasetEpisode:
 
     ``observations`` (T, O) and ``images`` (T, H, W) or (T, H, W, 3), by names such as ``wrist_rgb``, are from the start
     of each step. ``rewards``, ``successes`` and ``forces_on_person_n`` (T,) are from its end. ``labels`` are columns of
-    the table of episodes. ``constants`` are features that are equal in all frames.
+    the table of episodes. ``constants`` are features that are equal in all frames. ``interventions`` (T,): steps in
+    which an operator drove instead of a policy.
     """
 
     instruction: str
@@ -55,6 +58,7 @@ class DatasetEpisode:
     images: Mapping[str, NumpyArray] = field(default_factory=dict[str, NumpyArray])
     labels: Mapping[str, Any] = field(default_factory=dict[str, Any])
     constants: Mapping[str, bool] = field(default_factory=dict[str, bool])
+    interventions: BoolArray | None = None
 
     def features(self, observation: Observation) -> dict[str, NumpyArray]:
         """Returns the values of the features that policies use, and of results, by their names in LeRobot."""
@@ -70,6 +74,7 @@ class DatasetEpisode:
             "next.success": np.asarray(self.successes, bool),
             "next.force_on_person_n": np.asarray(self.forces_on_person_n, np.float32),
             **{name: np.full(count, value) for name, value in self.constants.items()},
+            **({} if self.interventions is None else {INTERVENTION: np.asarray(self.interventions, bool)}),
             **{f"{IMAGES}{name}": images for name, images in self.images.items()},
         }
 

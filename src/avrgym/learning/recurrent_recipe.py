@@ -214,6 +214,7 @@ class RecurrentRecipe:
                 force_weight_per_n=RECURRENT_HYPERPARAMETERS.force_weight_per_n,
                 max_rewarded_force_n=RECURRENT_HYPERPARAMETERS.max_rewarded_force_n,
                 overload_weight=RECURRENT_HYPERPARAMETERS.overload_weight,
+                preference_weights=configuration.preference_weights,
                 detour_weight_per_m=hyperparameters_of(configuration.environment).detour_weight_per_m,
             )
             for partner, worlds in zip(partners, parts, strict=True)

@@ -4,8 +4,8 @@ The worlds of an update can therefore be divided among processes, and a failed r
 uses a device, arrays stay on the device for the whole episode.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from avrgym.array_types import BoolArray, Float32Array, FloatArray
 from avrgym.geometry.arrays import namespace, to_device_of, to_numpy
+from avrgym.learning.preference_reward import preference_reward
 from avrgym.policies.actors import Actor, DeviceActor
 from avrgym.policies.trained import Policy
 from avrgym.safety.limits import TRANSIENT_LIMIT_N
@@ -66,6 +67,7 @@ class RolloutRequest:
         overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
             penalty increases linearly from half the limit. Only on the host.
         detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
+        preference_weights: weights of reward terms for an additional reward, see ``preference_reward``.
         shared_reward: whether a trained human receives the robot's reward, see ``Episodes.human_reward``.
     """
 
@@ -79,6 +81,7 @@ class RolloutRequest:
     max_rewarded_force_n: float = np.inf
     overload_weight: float = 0.0
     detour_weight_per_m: float = 0.0
+    preference_weights: Mapping[str, float] = field(default_factory=dict[str, float])
     shared_reward: bool = True
 
 
@@ -268,6 +271,10 @@ def _penalty(worlds: Episodes, request: RolloutRequest, step: StepOutcome, *, la
     penalty = request.force_weight_per_n * step.force_on_person_n + _excess_reward(
         request.max_rewarded_force_n, worlds, step
     )
+    if request.preference_weights:
+        penalty = penalty - preference_reward(
+            step, request.preference_weights, request.settings.episode_steps
+        )
     detour_m = worlds.task.detour_m
     if last or detour_m is None or not request.detour_weight_per_m:
         return penalty

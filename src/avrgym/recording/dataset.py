@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from avrgym.array_types import NumpyArray
+from avrgym.array_types import BoolArray, NumpyArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode
 from avrgym.recording.reader import Recording
 from avrgym.tasks.registry import instruction
@@ -16,8 +16,9 @@ def recorded_episode(
     images: Mapping[str, NumpyArray],
     labels: Mapping[str, Any],
     constants: Mapping[str, bool],
+    interventions: BoolArray | None = None,
 ) -> DatasetEpisode:
-    """Returns the control steps of a recording as an episode. ``images``, ``labels``, ``constants``: its fields."""
+    """Returns the control steps of a recording as an episode. The other arguments are fields of the episode."""
     steps = [control for _, control in recording.messages_by_topic["/control"]]
     configuration = recording.configuration
     return DatasetEpisode(
@@ -30,4 +31,5 @@ def recorded_episode(
         images=images,
         labels=labels,
         constants=constants,
+        interventions=interventions,
     )

@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from avrgym.array_types import BoolArray
 from avrgym.learning.lerobot_dataset import DatasetEpisode, write_dataset
 from avrgym.models.cameras import image_entries, parse_cameras
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.recording.dataset import recorded_episode
 from avrgym.recording.reader import Recording, RecordingError, read_recording
 from avrgym.recording.world import render_recorded_images
@@ -69,7 +71,7 @@ def write_demonstrations(
             frames = [*render_recorded_images(recording, chosen)] if chosen else []
             images = {name: np.stack([frame[name] for frame in frames]) for name in image_entries(chosen)}
             labels = {f"demonstration/{name}": value for name, value in row.items()}
-            yield recorded_episode(recording, images, labels, {})
+            yield recorded_episode(recording, images, labels, {}, _interventions(recording))
             progress(number, len(readable))
 
     about: dict[str, Any] = {
@@ -87,3 +89,12 @@ def _read(source: Path, row: dict[str, str]) -> Recording:
     if not recording.complete:
         raise RecordingError("the recording is incomplete; allowed: complete recordings")
     return recording
+
+
+def _interventions(recording: Recording) -> BoolArray:
+    """Returns a mask (T,) of the control steps in which an operator took over from the recording's policy."""
+    policy = recording.configuration.policy
+    steps = [control for _, control in recording.messages_by_topic["/control"]]
+    return np.array(
+        [policy != OPERATOR_POLICY and control.driver != policy and not control.idle for control in steps]
+    )

@@ -7,6 +7,7 @@ from avrgym.models.human import SEXES, Person
 from avrgym.people import impairments
 from avrgym.people.population_names import ImpairmentName
 from avrgym.people.populations import Population, find_populations
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.simulation.start_clearance import NoClearanceError
 from avrgym.system import random_streams
 from avrgym.tasks.constants import EPISODE_STEPS
@@ -25,7 +26,8 @@ class DemonstrationPlan:
     """Settings of a demonstration session.
 
     ``people``: names of populations, used in turn. ``episodes``: number of episodes to record; ``None``: unlimited.
-    ``steps``: maximum length of an episode in control steps. ``force_guard``: see ``safety.force_guard``.
+    ``steps``: maximum length of an episode in control steps. ``force_guard``: see ``safety.force_guard``. ``policy``:
+    name of a policy that drives the robot until the operator takes over; ``operator``: none.
     """
 
     environment: str
@@ -36,6 +38,7 @@ class DemonstrationPlan:
     seed: int = 0
     force_guard: bool = True
     settings: Settings = DEFAULT_SETTINGS
+    policy: str = OPERATOR_POLICY
     populations: tuple[Population, ...] = field(init=False, compare=False)
 
     def __post_init__(self) -> None:

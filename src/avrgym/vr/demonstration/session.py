@@ -10,12 +10,12 @@ import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
-from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.registry import used_controller_plugin
 from avrgym.recording import schema
 from avrgym.recording.configuration import TrialConfiguration
 from avrgym.recording.schema import AttemptEnd
 from avrgym.tasks.control_loop import FirstWorldStep
-from avrgym.tasks.registry import find_environment, task_goal
+from avrgym.tasks.registry import find_environment, plugins_of, task_goal
 from avrgym.tasks.settings import Settings
 from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan, EpisodeWorldPreparation
 from avrgym.vr.demonstration.storage import DemonstrationFolder, EpisodeRow, Result
@@ -50,6 +50,7 @@ class DemonstrationSession:
         send: SendMessage,
         workers: Executor,
         *,
+        driver: OperatorDriver | None = None,
         driven_by: str = "",
     ) -> None:
         """Build the first world.
@@ -59,6 +60,8 @@ class DemonstrationSession:
             folder: stores the episodes. Episodes of an earlier session count.
             send: receives all messages for clients.
             workers: builds the worlds.
+            driver: drives the robot; default: the operator alone. The policy of a ``CorrectedDriver`` is that of
+                ``plan``.
             driven_by: name of the driver in the table; default: the role that drove last.
 
         Raises:
@@ -68,7 +71,12 @@ class DemonstrationSession:
         self.scenes: list[tuple[str, Person, Settings]] = []
         self._worlds = EpisodeWorldPreparation(plan, workers, folder.num_samples)
         self._driven_by = driven_by
-        self._driver = OperatorDriver()
+        self._driver = driver or OperatorDriver()
+        self._failure_message = ""
+        self._plugins = plugins_of(plan.environment)
+        used = used_controller_plugin(plan.policy)
+        if used is not None:
+            self._plugins = (*self._plugins, used)
         self._reporter = StateReporter(send)
         self.attempt: Attempt | None = None
         self._mark = ""
@@ -236,7 +244,7 @@ class DemonstrationSession:
         self._tracking.pop_arrived_frames()
         self.attempt.record_physics(world, self._now_s)
         world.prepare_driver(self._driver, force_guard=self.plan.force_guard)
-        self._mark = ""
+        self._mark = self._failure_message = ""
         self._record_event("phase", "trial")
         self._change_stage("running")
 
@@ -245,6 +253,7 @@ class DemonstrationSession:
         if attempt is None:
             return
         attempt.record_step(step, self._driver.driven_by, self._driver.idle, self._now_s)
+        self._record_policy_failure()
         if attempt.recording_error is not None:
             self._send(
                 messages.Problem(
@@ -257,6 +266,17 @@ class DemonstrationSession:
         elif self._mark or attempt.steps >= self.plan.steps:
             self._end_episode("completed")
             self._leave_world()
+
+    def _record_policy_failure(self) -> None:
+        """Record and report when a failure of the policy begins or ends."""
+        failure = self._driver.failure_message
+        if failure == self._failure_message:
+            return
+        self._failure_message = failure
+        self._record_event("controller_failed" if failure else "controller_drives", failure)
+        if failure:
+            problem = f"the robot holds its position, because its policy failed: {failure}; drive it yourself"
+            self._send(messages.Problem(problem, "experimenter"))
 
     def _end_episode(self, result: Result) -> None:
         """End a running episode, and store its recording and its row."""
@@ -296,7 +316,7 @@ class DemonstrationSession:
 
     def _configuration(self, number: int) -> TrialConfiguration:
         plan, world = self.plan, self.world
-        trial = TrialPlan(plan.environment, OPERATOR_POLICY, self._current.seed, practice=False, items=())
+        trial = TrialPlan(plan.environment, plan.policy, self._current.seed, practice=False, items=())
         session = SessionPlan(
             [trial],
             world.person.sex,
@@ -309,7 +329,9 @@ class DemonstrationSession:
         )
         registration = self._tracking.registration or self._floor
         place = registration.xr_from_world()
-        made = attempt_configuration(session, 0, number, world, place, self._folder.folder.name, ())
+        made = attempt_configuration(
+            session, 0, number, world, place, self._folder.folder.name, self._plugins
+        )
         return msgspec.structs.replace(made, trial_number=self._folder.count("completed") + 1)
 
     def _record_event(self, name: str, detail: str) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.vr.demonstration.session import DemonstrationSession
 from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
 from avrgym.vr.protocol.messages import TICK_S, Demonstrate
@@ -19,7 +20,7 @@ def demonstrate(
 ) -> None:
     """Records all episodes of a session with a planned number of episodes. ``progress`` is called after each
     episode."""
-    demonstrator = SimulatedDemonstrator(seed)
+    demonstrator = SimulatedDemonstrator(seed, corrects=session.plan.policy != OPERATOR_POLICY)
     ticks, waited_s, stage = 0, 0.0, session.stage
     while session.stage != "finished":
         now_s = ticks * TICK_S

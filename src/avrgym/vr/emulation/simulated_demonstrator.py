@@ -1,5 +1,7 @@
 """A simulated demonstrator: a simulated operator who follows the task's expert, with a headset's messages."""
 
+from collections import deque
+
 import numpy as np
 
 from avrgym.array_types import FloatArray
@@ -19,12 +21,25 @@ REACH_M = 0.35
 the hand back."""
 HAND_RETURN_DURATION_S = 0.5
 """Duration of this motion back, with an open clutch."""
+OBSERVATION_S = 1.5
+"""Time for which a demonstrator who corrects a policy observes the tool before a decision."""
+MIN_INTENDED_PATH_M = 0.02
+"""Length of the expert's path in this time below which the demonstrator does not take over."""
+MIN_PROGRESS_SHARE = 0.25
+"""The demonstrator takes over if the tool moves less than this share of the expert's path."""
+CORRECTION_DURATION_S = 3.0
+"""Time from a takeover to the release of the robot."""
 
 
 class SimulatedDemonstrator:
-    """Moves a controller like a person who follows the expert. The room's position and direction are random."""
+    """Moves a controller like a person who follows the expert. The room's position and direction are random.
 
-    def __init__(self, seed: int) -> None:
+    With ``corrects``, a policy drives, and the demonstrator takes over for a short time if the tool does not move along
+    the expert's path.
+    """
+
+    def __init__(self, seed: int, *, corrects: bool = False) -> None:
+        self._corrects = corrects
         self._random = random_streams.demonstrator_generator(seed)
         floor_w = np.array([*self._random.uniform(-1.0, 1.0, 2), 0.0])
         self._room = Registration(floor_w, float(self._random.uniform(-np.pi, np.pi)))
@@ -45,18 +60,24 @@ class SimulatedDemonstrator:
         self._pos_w, self._q_w = self._rest_w, transforms.IDENTITY_QUATERNION
         self._speed = np.zeros(6)
         self._acts_at_s, self._closes_at_s = -np.inf, 0.0
+        self._releases_at_s = -np.inf if self._corrects else np.inf
+        self._tool_pos_w = simulation.body_poses(0)[self._bodies[0], :3]
+        self._observed: deque[tuple[float, float]] = deque()
 
     def steer(self, world: LiveWorld, now_s: float) -> Steer:
         """Returns the message of the XR frame at this time. Call it once per tick, after ``begin``."""
         if now_s >= self._acts_at_s:
             self._acts_at_s = now_s + 1.0 / world.settings.control_hz
-            self._speed = self._operator.act(self._expert_speed(world)[None])[0]
-        clutch = now_s >= self._closes_at_s
+            intended = self._expert_speed(world)
+            self._speed = self._operator.act(intended[None])[0]
+            if now_s >= self._releases_at_s and self._is_off_path(world, intended[:3]):
+                self._releases_at_s = now_s + CORRECTION_DURATION_S
+        clutch = self._closes_at_s <= now_s < self._releases_at_s
         if clutch:
             self._pos_w = self._pos_w + TICK_S * self._speed[:3]
             turn = transforms.from_rotation_vector(TICK_S * self._speed[3:])
             self._q_w = transforms.normalize(transforms.multiply(turn, self._q_w))
-        else:
+        elif now_s < self._closes_at_s:
             left_s = max(self._closes_at_s - now_s, TICK_S)
             self._pos_w = self._pos_w + TICK_S / left_s * (self._rest_w - self._pos_w)
         if clutch and np.linalg.norm(self._pos_w - self._rest_w) > REACH_M:
@@ -69,3 +90,19 @@ class SimulatedDemonstrator:
         tool, hand = world.simulation.body_poses(0)[self._bodies]
         lever = np.asarray(np.cross(angular, tool[:3] - hand[:3]), float)
         return np.concatenate([linear + lever, angular])
+
+    def _is_off_path(self, world: LiveWorld, intended_m_s: FloatArray) -> bool:
+        """Returns whether the tool has not moved along the expert's path for ``OBSERVATION_S``."""
+        pos_w = world.simulation.body_poses(0)[self._bodies[0], :3]
+        way, self._tool_pos_w = pos_w - self._tool_pos_w, pos_w
+        step_m = float(np.linalg.norm(intended_m_s)) / world.settings.control_hz
+        direction = intended_m_s / max(float(np.linalg.norm(intended_m_s)), 1e-9)
+        self._observed.append((step_m, float(way @ direction)))
+        if len(self._observed) < OBSERVATION_S * world.settings.control_hz:
+            return False
+        intended_m, progress_m = (sum(column) for column in zip(*self._observed, strict=True))
+        self._observed.popleft()
+        off = intended_m > MIN_INTENDED_PATH_M and progress_m < MIN_PROGRESS_SHARE * intended_m
+        if off:
+            self._observed.clear()
+        return off

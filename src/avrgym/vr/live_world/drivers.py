@@ -313,8 +313,8 @@ class OperatorDriver:
     ``policies.tool_servo``. The first operator with a command controls the robot. Control ends when this operator
     releases the robot, or sends no command for ``OPERATOR_TIMEOUT_S``.
 
-    ``holder``: the role that controls the robot now, or empty. ``driven_by``: the role that drove last in this control
-    step.
+    ``holder``: the role that controls the robot now, or ``None``. ``driven_by``: the role that drove last in this
+    control step.
     """
 
     failure_message = ""
@@ -330,7 +330,7 @@ class OperatorDriver:
         self._changed = False
         self._refused: set[OperatorRole] = set()
         self.holder: OperatorRole | None = None
-        self.driven_by: OperatorRole = "operator"
+        self.driven_by: str = "operator"
 
     @property
     def idle(self) -> bool:
