@@ -52,8 +52,10 @@ def test_stages_add_up_to_the_round_trip() -> None:
 
 
 @pytest.mark.slow
-def test_a_live_session_is_measured() -> None:
-    speed = measure_live_latency("avrgym/FeedingJaco-v1", 1.0)
+@pytest.mark.parametrize("policy", [None, "operator"])
+def test_a_live_session_is_measured_also_with_a_second_headset(policy: str | None) -> None:
+    speed = measure_live_latency("avrgym/FeedingJaco-v1", 1.0, policy)
+    assert (speed.steering_ms is not None) == (policy == "operator")
     assert speed.env == "avrgym/FeedingJaco-v1"
     assert speed.rate_hz > 0.0
     assert speed.stolen_s >= 0.0
@@ -63,6 +65,7 @@ def test_a_live_session_is_measured() -> None:
     for spread in (
         *(speed.tick_ms, undisturbed, speed.processor_ms, speed.round_trip_ms),
         *speed.stages_ms.values(),
+        speed.steering_ms or {},
     ):
         assert list(spread.values()) == sorted(spread.values())
         assert all(np.isfinite(list(spread.values())))

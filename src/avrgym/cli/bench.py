@@ -18,7 +18,7 @@ from avrgym.cli.terminal import (
     report_errors,
     write_json,
 )
-from avrgym.policies.names import POLICY_CHOICES
+from avrgym.policies.names import OPERATOR_POLICY, POLICY_CHOICES
 from avrgym.system.engines import THREADS
 from avrgym.tasks.constants import skippable_errors
 
@@ -78,7 +78,8 @@ def bench_vr(
     policy: Annotated[
         str | None,
         typer.Option(
-            help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES}."
+            help=f"The policy that drives the robot, by default an untrained network: {POLICY_CHOICES}; or "
+            f"{OPERATOR_POLICY}: a demonstrator steers with a second headset."
         ),
     ] = None,
     json_file: JsonFileOption = None,
@@ -109,6 +110,7 @@ def _brief(row: MetricsRow) -> MetricsRow:
             ("processor", "processor_ms"),
             ("round trip", "round_trip_ms"),
             ("undisturbed trip", "undisturbed_round_trip_ms"),
+            ("steering", "steering_ms"),
         )
     }
     missed = {"missed": row["missed_deadlines"], "missed\nrunning": row["missed_running"]}

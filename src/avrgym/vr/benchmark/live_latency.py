@@ -8,8 +8,9 @@ import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import pairwise
 from multiprocessing.connection import Connection
@@ -20,12 +21,14 @@ import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from avrgym.array_types import FloatArray
-from avrgym.policies.registry import resolve_policy
+from avrgym.policies.names import OPERATOR_POLICY
+from avrgym.policies.registry import resolve_session_policy
 from avrgym.policies.trained import Policy, PolicyMetadata
 from avrgym.system import random_streams
 from avrgym.system.child_processes import block_terminal_signals
 from avrgym.tasks.registry import observation_and_action_size
 from avrgym.vr.benchmark.cpu_steal import CpuStealMonitor, TimeSpan, overlap_s, overlaps_no_span
+from avrgym.vr.benchmark.second_headset import run_demonstrator
 from avrgym.vr.emulation.simulated_participant import SimulatedParticipant, sample_participant_traits
 from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import TICK_S, ReceivedMessage
@@ -71,6 +74,8 @@ class LiveLatencyResult:
         missed_running: number of these ticks that would also have been late without CPU steal; ``None`` if CPU steal
             was not measured.
         stolen_s: CPU steal of all processors during the trial, as the system reports it.
+        steering_ms: time from sending a demonstrator's steering message to sending the first state that includes it;
+            ``None`` without a second headset.
     """
 
     env: str
@@ -85,19 +90,21 @@ class LiveLatencyResult:
     missed_deadlines: int
     missed_running: int | None
     stolen_s: float
+    steering_ms: Percentiles | None = None
 
 
 def measure_live_latency(environment_id: str, seconds: float, policy: str | None = None) -> LiveLatencyResult:
     """Measures the latency in a trial of ``seconds`` in one environment. Returns the results.
 
-    ``policy``: a name as in ``policies.registry.resolve_policy``; ``None``: an untrained network.
+    ``policy``: a name as in ``policies.registry.resolve_session_policy``; ``None``: an untrained network. With
+    ``operator``, a demonstrator with a second headset steers the robot.
 
     Raises:
         ValueError: for an unknown environment or policy. The message lists the allowed values.
         ServerError: if the client is not built.
         RuntimeError: if the trial does not start or does not end.
     """
-    found = _untrained(environment_id) if policy is None else resolve_policy(policy, environment_id)
+    found = _untrained(environment_id) if policy is None else resolve_session_policy(policy, environment_id)
     plan, policies = _plan(environment_id, seconds), {(environment_id, MEASURED_POLICY_NAME): found}
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1) as workers:
         times = _Times()
@@ -109,7 +116,7 @@ def measure_live_latency(environment_id: str, seconds: float, policy: str | None
             times.watch(server.loop)
             before_s = _stolen_s()
             with CpuStealMonitor() as cpu_steal:
-                trips = _attend(server, seconds)
+                trips, times.steer_sent = _attend(server, seconds, steered=policy == OPERATOR_POLICY)
             times.stolen_s, times.stood_still = _stolen_s() - before_s, cpu_steal.steal_spans
             times.late = list(server.loop.late_ticks)
     return _sum_up(environment_id, times, trips)
@@ -158,6 +165,11 @@ class _Times:
         self.began: list[float] = []
         self.took: list[float] = []
         self.computed: list[float] = []
+        self.steer_sent: list[float] = []
+        self.steer_answered: dict[int, float] = {}
+        self.steer_pending: list[int] = []
+        self._steer_numbers: dict[int, int] = {}
+        self._steers = 0
         self.late: list[LateTick] = []
         self.stood_still: list[TimeSpan] | None = None
         self.stolen_s = 0.0
@@ -169,9 +181,23 @@ class _Times:
         def note(message: ReceivedMessage) -> None:
             if isinstance(message, messages.Tracking):
                 self.arrived[message.sequence] = time.monotonic()
+            elif isinstance(message, messages.Steer):
+                self._steer_numbers[id(message)] = self._steers
+                self._steers += 1
             post(message)
 
         loop.post = note
+
+    def note_steering(self, message: messages.Steer) -> None:
+        """Stores that the session receives a steering message now."""
+        self.steer_pending.append(self._steer_numbers.pop(id(message)))
+
+    def note_state(self, state: messages.State) -> None:
+        """Stores that a state is sent now."""
+        now_s = time.monotonic()
+        self.answered.setdefault(state.tracking_sequence, now_s)
+        self.steer_answered |= dict.fromkeys(self.steer_pending, now_s)
+        self.steer_pending.clear()
 
     def note_tick(self, began_s: float, computed_s: float) -> None:
         """Stores a tick that ends now, and its processor time."""
@@ -196,7 +222,7 @@ class _TimedSession(Session):
 
         def send_noted(message: messages.SentMessage) -> None:
             if isinstance(message, messages.State):
-                times.answered.setdefault(message.tracking_sequence, time.monotonic())
+                times.note_state(message)
             send(message)
 
         super().__init__(plan, policies, folder, send_noted, "bench", workers=workers)
@@ -204,6 +230,8 @@ class _TimedSession(Session):
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
         if isinstance(message, messages.Tracking):
             self._times.taken[message.sequence] = time.monotonic()
+        elif isinstance(message, messages.Steer):
+            self._times.note_steering(message)
         super().receive(message, now_s)
 
     def tick(self, now_s: float) -> None:
@@ -217,21 +245,39 @@ RoundTrips = dict[int, tuple[float, float]]
 """Times at which a tracking frame was sent and the first state with it arrived, by the frame's number."""
 
 
-def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
-    """Runs the client's process until the trial ends. Returns the round trips of the trial."""
-    here, there = multiprocessing.Pipe()
-    client = multiprocessing.get_context("spawn").Process(
-        target=run_client,
-        args=(
-            f"ws://127.0.0.1:{server.port}/ws",
-            server.tokens.participant,
-            server.session.scenes[0][0],
-            there,
-        ),
+def _attend(server: LiveServer[Session], seconds: float, *, steered: bool) -> tuple[RoundTrips, list[float]]:
+    """Runs the clients' processes until the trial ends.
+
+    Returns the round trips of the trial, and the times at which a demonstrator sent steering messages. ``steered``:
+    whether there is a demonstrator.
+    """
+    url, tokens = f"ws://127.0.0.1:{server.port}", server.tokens
+    steering = (
+        _start_client(run_demonstrator, f"{url}/watch", tokens.demonstrator) if steered else nullcontext()
     )
+    participant = _start_client(run_client, f"{url}/ws", tokens.participant, server.session.scenes[0][0])
+    with steering as demonstrator, participant as here:
+        trips = _receive_trips(server, here, seconds)
+        return trips, [] if demonstrator is None else demonstrator.recv()
+
+
+@contextmanager
+def _start_client(run: Callable[..., None], *arguments: str) -> Generator[Connection]:
+    """Context manager: starts a client's process, yields the connection for its results, and ends the process."""
+    here, there = multiprocessing.Pipe()
+    client = multiprocessing.get_context("spawn").Process(target=run, args=(*arguments, there))
     with block_terminal_signals():
         client.start()
     there.close()  # the end of the process is then detected here
+    try:
+        yield here
+    finally:
+        client.terminate()
+        client.join()
+
+
+def _receive_trips(server: LiveServer[Session], here: Connection, seconds: float) -> RoundTrips:
+    """Returns the round trips that the participant's process sends after the trial."""
     try:
         if not here.poll(seconds + CLIENT_TIMEOUT_S):
             raise RuntimeError(
@@ -244,9 +290,6 @@ def _attend(server: LiveServer[Session], seconds: float) -> RoundTrips:
         raise RuntimeError(
             f"the client ended in phase {phase}, before the trial; its error is printed above"
         ) from None
-    finally:
-        client.terminate()
-        client.join()
 
 
 def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
@@ -339,6 +382,11 @@ def _sum_up(environment_id: str, times: _Times, trips: RoundTrips) -> LiveLatenc
         missed_deadlines=_missed(late),
         missed_running=None if times.stood_still is None else _missed(_late_running(late, times.stood_still)),
         stolen_s=times.stolen_s,
+        steering_ms=_spread(
+            np.array([answered - times.steer_sent[n] for n, answered in times.steer_answered.items()])
+        )
+        if times.steer_answered
+        else None,
     )
 
 

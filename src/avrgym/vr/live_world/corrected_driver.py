@@ -50,10 +50,10 @@ class CorrectedDriver(OperatorDriver):
     def act(self, observation: FloatArray) -> FloatArray:
         """Returns the action (1, A) of the operator who drives, otherwise that of the policy."""
         action = self._policy.act(observation)
+        self._pause_steps = max(0, self._pause_steps - 1)
         if self.holder is not None or self._is_paused:
-            self._pause_steps = max(0, self._pause_steps - 1)
             return super().act(observation)
-        self.driven_by = self._name
+        self.driven_by, self._changed = self._name, False
         return action
 
     def update_action(self) -> FloatArray | None:
@@ -72,7 +72,7 @@ class CorrectedDriver(OperatorDriver):
         releases = self.holder == role
         super()._leave(role)
         if releases:
-            self._stopped, self._pause_steps = False, self._resume_steps
+            self._stopped, self._pause_steps = False, self._resume_steps + 1
 
     @property
     def _is_paused(self) -> bool:
