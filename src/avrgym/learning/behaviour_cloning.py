@@ -154,7 +154,7 @@ def _read(environment: str, folder: Path) -> list[tuple[Float32Array, Float32Arr
             f"{control_hz} Hz"
         )
     for feature, expected in ((STATE, names[measured]), (ENVIRONMENT_STATE, names[~measured])):
-        stored = features.get(feature, {}).get("names") or []
+        stored: list[str] = features[feature]["names"] if feature in features else []
         if [*stored] != [*expected]:
             raise ValueError(
                 f"{folder}: {feature} contains {', '.join(stored) or 'nothing'}; {environment} needs "
