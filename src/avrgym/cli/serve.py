@@ -110,7 +110,7 @@ def serve(
         bool,
         typer.Option(
             "--send-streams",
-            help="SendMessage events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
+            help="Send events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
         ),
     ] = False,
     receive: Annotated[
