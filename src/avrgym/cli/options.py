@@ -37,7 +37,7 @@ SettingsOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
-        help="A setting of the environment, such as control_hz=20; repeatable. An unknown name prints the list of settings.",
+        help="A setting of the environment, such as control_hz=20; repeatable. An unknown name prints all settings.",
         metavar="NAME=VALUE",
     ),
 ]
