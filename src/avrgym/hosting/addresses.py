@@ -27,10 +27,10 @@ def parse_public_address(address: str) -> str:
 
 
 def invitation_link(origin: str, token: str) -> str:
-    """Returns the link of an invitation."""
+    """Returns the address that a person opens to enrol. The fragment contains the invitation's token."""
     return f"{origin}/#invitation={token}"
 
 
 def participant_link(origin: str, token: str) -> str:
-    """Returns the link of a participant's page."""
+    """Returns the address of a participant's page. The fragment contains the participant's token."""
     return f"{origin}/#participant={token}"

@@ -124,7 +124,7 @@ class _NodeSession(threading.Thread):
         self._store, self._actor, self._request, self._pipe = store, actor, request, pipe
 
     def kill(self) -> None:
-        """Kill the session's process."""
+        """Kill the actor that runs the session on its node."""
         ray.kill(self._actor)
 
     def run(self) -> None:

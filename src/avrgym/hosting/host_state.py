@@ -62,7 +62,7 @@ class HostState:
 
     @property
     def sessions(self) -> tuple[RunningSession, ...]:
-        """The running sessions."""
+        """The sessions that were running when the state was last stored."""
         return self._stored.sessions
 
     def set_open(self, is_open: bool) -> None:

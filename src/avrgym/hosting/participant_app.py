@@ -120,7 +120,7 @@ class Participation:
     origin: str
 
     def stage(self, pseudonym: str) -> Stage:
-        """Returns the participant's stage."""
+        """Returns the participant's stage: their next step in the study."""
         return stage_of(self.store, self.settings, self.pool, pseudonym, is_open=self.state.is_open)
 
     def check_stage(self, pseudonym: str, *allowed: type[Stage]) -> Stage:

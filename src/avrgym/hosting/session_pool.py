@@ -162,7 +162,7 @@ class SessionPool:
 
     @property
     def waiting(self) -> int:
-        """Number of waiting participants."""
+        """Number of participants on the waiting list."""
         return len(self._waiting)
 
     def find(self, session_id: str) -> HostedSession | None:

@@ -135,7 +135,7 @@ def _is_finished(store: Store, pool: SessionPool, pseudonym: str) -> bool:
 
 
 def minutes_rounded_up(seconds: float) -> int:
-    """Returns the time in minutes, rounded up."""
+    """Returns a duration in whole minutes, rounded up."""
     return -int(-seconds // 60.0)
 
 
@@ -148,7 +148,7 @@ def has_confirmed_safety(store: Store, participant: Participant) -> bool:
 
 
 def record_participant_event(store: Store, pseudonym: str, name: str, detail: str = "") -> None:
-    """Store an event of a participant."""
+    """Store an event of a participant outside a session, such as a confirmed preparation of the room."""
     with store.write_transaction() as connection:
         participant = find_participant(connection, pseudonym)
         record_event(connection, name, detail, {"participant": participant.number})

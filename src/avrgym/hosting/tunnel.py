@@ -74,7 +74,7 @@ class Tunnels:
         return True
 
     def end(self, session_id: str) -> None:
-        """Subtract a closed tunnel of a session."""
+        """Reduce the number of open tunnels of a session by one."""
         self._open[session_id] -= 1
         if not self._open[session_id]:
             del self._open[session_id]
@@ -220,7 +220,7 @@ class _Tunnel(asyncio.Protocol):
 
 
 class _SessionSide(asyncio.Protocol):
-    """The session's side of a tunnel."""
+    """The session's side of a tunnel: writes received bytes to the browser's connection."""
 
     def __init__(self, browser: asyncio.Transport) -> None:
         self._browser = browser

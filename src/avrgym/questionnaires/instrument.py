@@ -23,7 +23,7 @@ class ResponseScale(NamedTuple):
 
     @property
     def highest_value(self) -> int:
-        """The highest value of the scale."""
+        """The highest value of the scale: the value of its last option."""
         return self.scale_value(self.points)
 
     @property

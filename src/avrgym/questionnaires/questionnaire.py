@@ -39,7 +39,7 @@ class Item(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_default
 
 
 def translate_items(items: Sequence[Item], texts: InterfaceTexts) -> tuple[Item, ...]:
-    """Returns the items in the language of ``texts``."""
+    """Returns the items with translated text and labels, in the language of ``texts``."""
     return tuple(
         msgspec.structs.replace(
             item,

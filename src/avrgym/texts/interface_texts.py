@@ -208,7 +208,7 @@ def read_texts(language: str, folder: Path | None = None) -> InterfaceTexts:
 
 
 def is_optional_page_key(key: str) -> bool:
-    """Returns whether a key under ``page`` is optional."""
+    """Returns whether a language may omit a key under ``page``. The English text then replaces it."""
     return key in OPTIONAL_PAGE_KEYS or key.startswith(HOST_KEY_PREFIX)
 
 

@@ -91,7 +91,7 @@ def _check_names(store: Store) -> Iterator[Finding]:
 
 
 def _check_encryption(store: Store) -> Iterator[Finding]:
-    """Yields findings about unencrypted names."""
+    """Yields a finding if the study contains unencrypted names. The message contains the command that encrypts them."""
     plain = identity_file.unencrypted_path(store.folder)
     if plain is None:
         return

@@ -20,7 +20,10 @@ class ExcludedTrialFinding(Finding):
 
 
 def excluded_trial_finding(participant: str, position: int, why: str) -> ExcludedTrialFinding:
-    """Returns the finding that a participant's trial is excluded, with the reason ``why``."""
+    """Returns the finding that a trial is excluded.
+
+    ``position``: number of the trial, from 1. ``why``: reason as text.
+    """
     return ExcludedTrialFinding(
         f"{participant}, trial {position}", f"is left out of the analysis: {why}", is_error=False
     )

@@ -124,5 +124,5 @@ def check_used_policies(store: Store) -> Iterator[Finding]:
 
 
 def policy_file_text(file: PolicyFile) -> str:
-    """Returns the source and checksum of a policy file as text."""
+    """Returns the source of a policy as text, with the first 12 digits of the file's SHA-256."""
     return file.source if file.sha256 is None else f"{file.source} (SHA-256 {file.sha256[:12]}…)"

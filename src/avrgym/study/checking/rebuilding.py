@@ -78,7 +78,7 @@ class _RecordedAttempt:
 
     @property
     def configuration(self) -> TrialConfiguration:
-        """The configuration of the trial."""
+        """The configuration of the trial, as stored in the recording's metadata."""
         return self.recording.configuration
 
     @property

@@ -74,7 +74,7 @@ def trials_in_repeat_tests(store: Store) -> list[AttemptedTrial]:
 
 
 def is_simulated_study(store: Store) -> bool:
-    """Returns whether all participants of a study are simulated."""
+    """Returns whether a study has no real participants."""
     return all(each.simulated for each in [*store.participants(), *store.deleted_participants()])
 
 

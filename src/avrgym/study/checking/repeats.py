@@ -60,7 +60,7 @@ class ReplacedAttempt:
 
     @property
     def is_requested(self) -> bool:
-        """Whether an experimenter requested the repeat."""
+        """Whether the reason is ``EXPERIMENTER``: an experimenter requested the repeat."""
         return self.reason == EXPERIMENTER
 
     @property

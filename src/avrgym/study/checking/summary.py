@@ -68,7 +68,7 @@ class StudySummary:
 
 
 def summarise_study(store: Store) -> StudySummary:
-    """Returns the current progress of a study."""
+    """Returns the current numbers of participants, sessions, trials and answers of a study."""
     with store.database.read_transaction() as connection:
         participants = find_rows(connection, Participant)
         deleted = len(find_rows(connection, DeletedParticipant))

@@ -53,7 +53,7 @@ class SessionAccess:
 
 
 def session_access(links: SessionLinks, addresses: Callable[[str], Sequence[str]]) -> SessionAccess | None:
-    """Returns the access to the running session; ``None`` without a session.
+    """Returns addresses and headset code of the running session; ``None`` without a session.
 
     ``addresses``: function that returns the addresses with a link.
     """
@@ -215,7 +215,7 @@ def results_view(store: Store) -> Results:
 
 
 def participant_view(store: Store, pseudonym: str) -> ParticipantView:
-    """Returns the view of one participant. Raises ``StudyError`` for an unknown pseudonym."""
+    """Returns the dashboard's data about one participant. Raises ``StudyError`` for an unknown pseudonym."""
     participant, design = store.participant(pseudonym), store.design
     texts = participant_texts(store, participant)
     input_profile = participant.input_profile or DEFAULT_INPUT_PROFILE

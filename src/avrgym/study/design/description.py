@@ -5,7 +5,7 @@ from avrgym.study.design.design import Design
 
 
 def describe_procedure(design: Design) -> str:
-    """Returns sentences about the procedure of a trial."""
+    """Returns sentences about tasks, instructions, duration of trials, and scene settings."""
     goals = " ".join(design.instruction_of_task(task) for task in design.tasks)
     return (
         "In virtual reality simulated robots help participants with everyday tasks. Instructions to participants: "
@@ -18,7 +18,7 @@ def _settings(design: Design) -> str:
 
 
 def describe_blinding(design: Design) -> str:
-    """Returns sentences about the blinding of participants and experimenter."""
+    """Returns sentences about who knows the policy of a trial: participants, experimenter."""
     experimenter = (
         "The experimenter does not know the policy either, and sees a letter for each policy."
         if design.blind_experimenter
@@ -28,7 +28,7 @@ def describe_blinding(design: Design) -> str:
 
 
 def describe_conditions(design: Design) -> str:
-    """Returns sentences about the conditions and the comparison within participants."""
+    """Returns sentences about the numbers and names of conditions, and about practice trials."""
     practice = f" Before each task: one practice trial with the policy {design.practice_policy}."
     return (
         f"Within participants: {len(design.tasks)} × {len(design.robots)} × {len(design.policies)} conditions "
@@ -38,7 +38,7 @@ def describe_conditions(design: Design) -> str:
 
 
 def describe_randomization(design: Design) -> str:
-    """Returns sentences about counterbalancing and allocation."""
+    """Returns sentences about Williams squares, the number of orders, and the allocation of participants."""
     return (
         "Tasks, and conditions within each task, follow Williams squares, randomised by the design's seed: "
         f"{len(trial_orders(design))} orders. Each participant is allocated to the least filled order."

@@ -57,7 +57,7 @@ _POLICY = re.compile(r"(?!.*\.\.)[A-Za-z0-9_-][A-Za-z0-9_./:-]{0,79}")
 
 
 class Consent(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The consent text and its version."""
+    """The consent text and its version. A changed text needs a new version."""
 
     version: Annotated[str, msgspec.Meta(min_length=1)]
     text: Annotated[str, msgspec.Meta(min_length=1)]
@@ -174,7 +174,7 @@ class Design(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
         return self.conditions[name].policy if name in self.conditions else name
 
     def settings_of_condition(self, name: str) -> Settings:
-        """Returns the settings of a condition or policy."""
+        """Returns the scene settings of the condition ``name``; the design's settings for a policy."""
         if name not in self.conditions:
             return self.settings
         return settings_from_values(

@@ -178,7 +178,7 @@ def _described(column: Column) -> dict[str, str]:
 
 
 def _session_numbers(store: Store, people: Iterable[Participant]) -> dict[int, int]:
-    """Returns the number of each session, by the session's id."""
+    """Returns the number of each session within its participant (from 1), by the session's id."""
     return {each.id: each.number for person in people for each in store.sessions(person.pseudonym)}
 
 
@@ -189,7 +189,7 @@ def _session_participants(store: Store) -> dict[int, int]:
 
 
 def _attempts(store: Store, people: Iterable[Participant]) -> dict[int, tuple[Trial, TrialAttempt]]:
-    """Returns trial and attempt of each attempt, by the attempt's id."""
+    """Returns each attempt with its trial, by the attempt's id."""
     found: dict[int, tuple[Trial, TrialAttempt]] = {}
     for person in people:
         trials = {trial.id: trial for trial in store.trials(person.pseudonym)}

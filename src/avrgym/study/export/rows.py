@@ -109,7 +109,7 @@ HighestScore = Annotated[float, Column("Highest possible score.")]
 
 @dataclass(frozen=True)
 class ParticipantRow:
-    """Row of ``participants``: one participant."""
+    """Row of ``participants``: one participant, with state, body and trial order."""
 
     participant: Pseudonym
     site: SiteName
@@ -199,7 +199,7 @@ class TrialRow:
 
 @dataclass(frozen=True)
 class AttemptIdentifiers:
-    """Columns that identify an attempt."""
+    """Columns that identify an attempt: participant, session, trial, condition and attempt number."""
 
     participant: Pseudonym
     site: SiteName
@@ -419,7 +419,7 @@ class LogRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """Row of ``events``: one event of the study."""
+    """Row of ``events``: one event of a participant or session, such as a changed state."""
 
     participant: Annotated[str | None, _participant(_WHOLE_STUDY)]
     session: Annotated[int | None, _session(_NO_SESSION)]

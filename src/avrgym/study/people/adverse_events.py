@@ -84,7 +84,7 @@ class AdverseEventHistory:
 
     @property
     def latest_report(self) -> AdverseEventReport:
-        """The latest report."""
+        """The latest report of the event: the last follow-up, or the first report."""
         return self.reports[-1]
 
 

@@ -35,7 +35,7 @@ class ScheduledDeletion:
 
 
 def today_utc() -> date:
-    """Returns the current date in UTC."""
+    """Returns the current date in UTC. Retention periods are compared with it."""
     return datetime.now(UTC).date()
 
 
@@ -55,7 +55,7 @@ def scheduled_deletions(store: Store) -> list[ScheduledDeletion]:
 
 
 def due_deletions(store: Store, day: date) -> list[ScheduledDeletion]:
-    """Returns the scheduled deletions that are due on ``day``."""
+    """Returns the scheduled deletions whose retention period has ended on ``day``."""
     return [each for each in scheduled_deletions(store) if each.is_due(day)]
 
 

@@ -161,7 +161,7 @@ def describe_change(place: ValuePath, before: Any, after: Any) -> str:
 
 
 def deviation_finding(where: str, message: str) -> Finding:
-    """Returns the finding about a deviation; it is not an error."""
+    """Returns the finding about a deviation from the plan. The finding is a note, not an error."""
     return Finding(where, message, is_error=False)
 
 

@@ -69,7 +69,7 @@ class FrozenPlanRecord(msgspec.Struct, frozen=True):
     plugins: tuple[UsedPlugin, ...] | None = None
 
     def parsed_plan(self) -> Plan:
-        """Returns the frozen plan as a ``Plan``."""
+        """Returns the plan, parsed from its stored text. Raises ``DesignError`` if this version cannot read it."""
         return parse_frozen_plan(self.plan, FROZEN_PLAN_FILE)
 
 
@@ -181,7 +181,7 @@ def sha256(data: bytes) -> str:
 
 
 def software_versions() -> dict[str, str]:
-    """Returns the versions of the software for simulation and analysis."""
+    """Returns the versions of AVR Gym, MuJoCo, NumPy and SciPy, by name."""
     return msgspec.structs.asdict(versions()) | {name: version(name) for name in ("numpy", "scipy")}
 
 

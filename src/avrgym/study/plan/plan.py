@@ -58,7 +58,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     hypotheses: Annotated[tuple[Hypothesis, ...], msgspec.Meta(min_length=1)]
 
     def hypotheses_of(self, test: str, measure: str) -> tuple[Hypothesis, ...]:
-        """Returns all hypotheses that contain this test and this measure."""
+        """Returns the hypotheses that list both the test and the measure."""
         return tuple(each for each in self.hypotheses if test in each.tests and measure in each.measures)
 
     def plan_status(self, test: str, measure: str) -> str:

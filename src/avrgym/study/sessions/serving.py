@@ -363,7 +363,7 @@ class StudySessions:
 
 
 def _forward_result(stored: Future[None] | None, done: Future[None]) -> None:
-    """Complete ``done`` with the result of ``stored``."""
+    """Complete ``done`` with the result or error of ``stored``; immediately, if ``stored`` is ``None``."""
     if stored is None:
         done.set_result(None)
     else:

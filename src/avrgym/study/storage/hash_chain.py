@@ -188,7 +188,7 @@ def _faults_of(
 
 
 def primary_key(table: sa.Table) -> sa.Column[int]:
-    """Returns the primary key column of a table."""
+    """Returns the single primary key column of a table (an integer)."""
     (key,) = table.primary_key.columns
     return key
 

@@ -73,7 +73,7 @@ class ItemCatalogue:
 
     @property
     def versions(self) -> list[ItemVersion]:
-        """All versions of all items, ordered by item."""
+        """All versions of all items, ordered by item, then by version number."""
         return [version for versions in self._versions.values() for _, _, version in versions]
 
     def add_design_items(

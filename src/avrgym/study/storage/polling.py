@@ -23,7 +23,7 @@ class PollingThread:
         raise NotImplementedError
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread. It calls ``poll`` until ``close``."""
         self._thread.start()
 
     def close(self) -> None:

@@ -342,7 +342,7 @@ class Site:
 
 @dataclass(frozen=True)
 class DeletedParticipant:
-    """A participant with deleted data."""
+    """A participant whose data were deleted: number, day of deletion, and whether the participant was simulated."""
 
     number: int
     simulated: bool

@@ -127,7 +127,7 @@ class SessionDesign:
 
     @property
     def language(self) -> str:
-        """The participant's language."""
+        """The language tag of the texts that the participant read, such as ``de``."""
         return self.participant.language or self.design.languages[0]
 
 

@@ -134,7 +134,7 @@ class Store:
             raise
 
     def close(self) -> None:
-        """Close the study's database."""
+        """Close the study's database, and store its checksum."""
         self.database.close()
 
     def __enter__(self) -> Self:
