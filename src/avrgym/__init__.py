@@ -41,4 +41,4 @@ def __getattr__(name: str) -> Any:
     if name == "models":
         import_module("avrgym.models.human")
         return import_module("avrgym.models")
-    raise AttributeError(f"module 'avrgym' has no attribute {name!r}")
+    raise AttributeError(f"module 'avrgym' has no attribute {name!r}; allowed: models, parallel_env")

@@ -99,5 +99,7 @@ def test_without_the_layer_only_stop_changes_actions() -> None:
 def test_an_input_of_another_size_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "wrong.onnx"
     save_network(path, len(COMMAND_INPUT_ENTRIES) + 1)
-    with pytest.raises(PolicyError, match=rf"takes one command .* \({len(COMMAND_INPUT_ENTRIES)},\)"):
+    with pytest.raises(
+        PolicyError, match=rf"allowed for .*: one command .* \({len(COMMAND_INPUT_ENTRIES)},\)"
+    ):
         load_onnx_controller(path, ENVIRONMENT, *observation_and_action_size(ENVIRONMENT))

@@ -64,9 +64,11 @@ def check_json_file(path: Path | None) -> None:
     if path is None:
         return
     if not path.parent.is_dir():
-        raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist")
+        raise ValueError(f"cannot write {path}: the folder {path.parent} does not exist; create it first")
     if not os.access(path.parent, os.W_OK):
-        raise ValueError(f"cannot write {path}: the folder {path.parent} is not writable")
+        raise ValueError(
+            f"cannot write {path}: the folder {path.parent} is not writable; choose another folder"
+        )
     if os.path.lexists(path) and not stat.S_ISREG(path.lstat().st_mode):
         raise ValueError(f"cannot write {path}: it is not a regular file; choose another name")
 

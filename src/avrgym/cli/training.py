@@ -251,13 +251,14 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
         raise ValueError(f"unknown recipe {recipe!r}; allowed: {', '.join(RECIPES)}")
     fixed = [name for name in given if name in OPTIONS_FIXED_BY_RECIPE.get(recipe, ())]
     if fixed:
-        raise ValueError(f"--recipe {recipe} does not accept {', '.join(fixed)}")
+        raise ValueError(f"--recipe {recipe} does not accept {', '.join(fixed)}; remove these options")
     for name in given:
         if name in RECIPE_OF_OPTION and recipe != RECIPE_OF_OPTION[name]:
             raise ValueError(f"{name} needs --recipe {RECIPE_OF_OPTION[name]}")
         if resume and name in NEW_RUN_OPTIONS:
             raise ValueError(
-                f"--resume does not accept {name}: the configuration of a training run cannot change"
+                f"--resume does not accept {name}, because the configuration of a training run cannot change; "
+                "remove this option"
             )
     if "--jobs" in given and "--cluster" not in given:
         raise ValueError("--jobs needs --cluster: without a cluster, threads of this process step the worlds")

@@ -35,7 +35,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(read_user_text(path))
     except ValueError as error:
-        raise ValueError(f"{path}: invalid TOML: {error}") from None
+        raise ValueError(f"{path}: invalid TOML: {error}; correct this line") from None
 
 
 def as_value_error(error: msgspec.ValidationError, where: str) -> ValueError:

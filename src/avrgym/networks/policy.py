@@ -238,7 +238,9 @@ class Policy:
         except PolicyError as error:
             raise PolicyError(f"{path}: {error}") from error
         except (OSError, safetensors.SafetensorError) as error:
-            raise PolicyError(f"{path}: not a readable .safetensors file ({error})") from error
+            raise PolicyError(
+                f"{path}: not a readable .safetensors file ({error}); restore a backup"
+            ) from error
 
 
 def _check_numbers(policy: Policy) -> None:
@@ -424,5 +426,7 @@ def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
             )
         described = msgspec.structs.asdict(msgspec.json.decode(header[_HEADER], type=_Header))
     except msgspec.DecodeError as error:
-        raise PolicyError(f"{_HEADER!r} in the header is invalid: {error}") from error
+        raise PolicyError(
+            f"{_HEADER!r} in the header is invalid: {error}; allowed: files from `avrgym train`"
+        ) from error
     return described.pop("format_version"), PolicyMetadata(**described)

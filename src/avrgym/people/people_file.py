@@ -91,7 +91,7 @@ def parse_people(text: str, name: str, tasks: Collection[str]) -> PeopleFile:
     try:
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise PeopleFileError(f"{name}: invalid TOML: {error}") from None
+        raise PeopleFileError(f"{name}: invalid TOML: {error}; correct this line") from None
     for message in _mistakes(values, tasks):
         raise PeopleFileError(f"{name}: {message}")
     try:

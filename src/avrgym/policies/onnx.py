@@ -76,7 +76,9 @@ def load_onnx_controller(
     try:
         session = onnxruntime.InferenceSession(os.fspath(path), options, ["CPUExecutionProvider"])
     except Exception as error:  # the runtime's exceptions have no other common base
-        raise PolicyError(f"{path}: not a readable .onnx file ({' '.join(str(error).split())})") from error
+        raise PolicyError(
+            f"{path}: not a readable .onnx file ({' '.join(str(error).split())}); export the policy again"
+        ) from error
     inputs = list(session.get_inputs())
     commands = [tensor for tensor in inputs if tensor.name == COMMAND_ENTRY]
     for kind, tensors, size in (
@@ -96,8 +98,8 @@ def _check(
         return
     found = ", ".join(f"{each.name} {each.type} {each.shape}" for each in tensors)
     raise PolicyError(
-        f"{path}: the network's {kind}s are {found or 'none'}; {environment_id} takes one {kind} of float or double, "
-        f"of shape ({size},), (1, {size}) or (N, {size})"
+        f"{path}: the network's {kind}s are {found or 'none'}; allowed for {environment_id}: one {kind} of float or "
+        f"double, of shape ({size},), (1, {size}) or (N, {size})"
     )
 
 

@@ -31,7 +31,9 @@ def rebuild_world(configuration: TrialConfiguration, *, by_region: bool = False)
     except KeyError as error:
         raise ValueError(f"the initial state in the recording lacks {error}; restore a backup") from error
     except (TypeError, ValueError) as error:
-        raise ValueError(f"the recorded world cannot be created: {error}") from error
+        raise ValueError(
+            f"the recorded world cannot be created: {error}; it was recorded with {configuration.versions}"
+        ) from error
     return episodes
 
 

@@ -135,8 +135,8 @@ class Playback:
         size = len(self.episodes.simulation.integration_state())
         if len(state) != size:
             raise ReplayError(
-                f"a recorded state has {len(state)} values, but a state of this simulator has {size}: "
-                f"{version_text(self.recording)}"
+                f"a recorded state has {len(state)} values, but a state of this simulator has {size}; install the "
+                f"recorded version: {version_text(self.recording)}"
             )
         self.episodes.simulation.brake_robot()
         self.episodes.simulation.set_integration_state(state)
@@ -145,8 +145,8 @@ class Playback:
     def _finished_step(self, time_s: float) -> FirstWorldStep:
         if self._step is None:
             raise ReplayError(
-                f"the recorded control step at {time_s:.2f} s does not end at a tick (10 ms) of the trial: "
-                f"{version_text(self.recording)}"
+                f"the recorded control step at {time_s:.2f} s does not end at a tick (10 ms) of the trial; restore a "
+                f"backup; {version_text(self.recording)}"
             )
         return self._step
 
@@ -154,7 +154,7 @@ class Playback:
         """Returns the recorded action (1, A) of the current control step."""
         if self._action is None:
             raise ReplayError(
-                f"the recording contains no commands to the robot: {version_text(self.recording)}"
+                f"the recording contains no commands to the robot; restore a backup; {version_text(self.recording)}"
             )
         self._action_is_new = False
         return self._action
@@ -264,5 +264,6 @@ def _check_names(configuration: TrialConfiguration, episodes: Episodes) -> None:
     ):
         if recorded != now:
             raise ReplayError(
-                f"the {kind} of the recorded scene have changed: {', '.join(sorted({*now} ^ {*recorded}))}"
+                f"the {kind} of the recorded scene have changed: {', '.join(sorted({*now} ^ {*recorded}))}; "
+                f"install the recorded version: {configuration.versions}"
             )

@@ -271,7 +271,8 @@ class Episodes:
                 raise NoClearanceError(
                     f"{self.environment_id}: none of {MAX_START_SAMPLES} initial states has enough clearance "
                     f"next to a {person.sex} with a torso of {person.torso_height_m:.2f} m: "
-                    f"in the last one {conflicts.get(world, 'the tool is out of reach')}"
+                    f"in the last one {conflicts.get(world, 'the tool is out of reach')}; choose another person, mount "
+                    "or task pose"
                 )
         self.control_loop.reset(ids)
         return self.observe()[ids]

@@ -122,8 +122,8 @@ class Observation:
         for entry, part in zip(self.entries, parts, strict=True):
             if part.shape[1] != entry.size:
                 raise ValueError(
-                    f"entry {entry.name} of the observation computed {part.shape[1]} values, but declares size "
-                    f"{entry.size}"
+                    f"entry {entry.name} of the observation computed {part.shape[1]} values; allowed: "
+                    f"{entry.size}, its size"
                 )
         return namespace(*parts).concat(parts, axis=-1)
 

@@ -48,7 +48,8 @@ class TaskRegistry:
         suited = [robot.name for robot in self.robots.values() if self._is_suited(robot, task)]
         if not suited:
             raise ValueError(
-                f"task {task.name}: no robot has the required arm, mount and grip; registered: {', '.join(self.robots)}"
+                f"task {task.name}: no robot has the required arm, mount and grip; add them to one of these robots: "
+                f"{', '.join(self.robots)}"
             )
         made = {environment_id(task.name, robot): (task.name, robot) for robot in suited}
         taken = ", ".join(made.keys() & self.environments)

@@ -107,7 +107,7 @@ def fit_mixed_model(
     """
     given = np.asarray(values, float)
     if np.ptp(given) == 0.0:
-        raise ModelFitError("all values are equal")
+        raise ModelFitError("all values are equal; a model needs different values")
     if np.linalg.matrix_rank(design_matrix) < design_matrix.shape[1] or len(given) <= design_matrix.shape[1]:
         raise ModelFitError(
             "not all effects are identifiable: the design matrix is rank-deficient, or there are too few values; "

@@ -62,7 +62,7 @@ def fit_ordinal_model(
     """
     levels, answered = np.unique(np.asarray(values), return_inverse=True)
     if len(levels) < 2:
-        raise ModelFitError("all values are equal")
+        raise ModelFitError("all values are equal; a model needs different values")
     thresholds = len(levels) - 1
     parameters = _most_likely(answered, design, thresholds)
     _, scores, information = _derivatives(parameters, answered, design, thresholds)

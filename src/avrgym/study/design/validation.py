@@ -106,7 +106,7 @@ def parse_toml(
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"at line (\d+)", str(error))
         place = f"{name}:{line[1]}" if line else name
-        raise DesignError(f"{place}: invalid TOML: {error}") from None
+        raise DesignError(f"{place}: invalid TOML: {error}; correct this line") from None
     try:
         found = msgspec.convert(complete(values), kind)
         check(found)

@@ -85,7 +85,7 @@ class SiteRecording:
             return False
         data = self.source_path.read_bytes()
         if self.sha256 not in (None, sha256(data)):
-            raise StudyError(f"{self.recording_path} {CHECKSUM_MISMATCH_MESSAGE} while it was copied")
+            raise StudyError(f"{self.recording_path} {CHECKSUM_MISMATCH_MESSAGE} after the copy; merge again")
         make_private_folder(self.target_path.parent)
         late = answers_file.answers_path(self.source_path)
         if late.is_file():

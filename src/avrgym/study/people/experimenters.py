@@ -46,7 +46,7 @@ def revoke_experimenter(store: Store, name: str) -> None:
         own = [each for each in valid if each.name == name]
         if not own:
             names = ", ".join(each.name for each in valid) or "nobody"
-            raise StudyError(f"{name!r} has no token; experimenters with a token: {names}")
+            raise StudyError(f"{name!r} has no token; allowed: {names}")
         hash_chain.update(connection, schema.EXPERIMENTER_TABLE, own[0].id, revoked_at=utc_timestamp())
 
 

@@ -763,9 +763,11 @@ def _decode(decoder: msgspec.msgpack.Decoder[_Any], data: bytes) -> _Any:
     try:
         return decoder.decode(data)
     except UnicodeDecodeError as error:
-        raise msgspec.DecodeError(f"a text is not UTF-8: {error}") from error
+        raise msgspec.DecodeError(f"a text is not UTF-8: {error}; allowed: texts in UTF-8") from error
     except RecursionError as error:
-        raise msgspec.DecodeError("the message is nested too deeply") from error
+        raise msgspec.DecodeError(
+            "the message is nested too deeply; allowed: the fields of its message type"
+        ) from error
 
 
 # Messages to a session --------------------------------------------------------------------------------------

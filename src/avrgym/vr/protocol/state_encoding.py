@@ -131,7 +131,7 @@ def decode_row_changes(packed: bytes, columns: int) -> tuple[IntegerArray, Integ
     starts = np.concatenate([[0], ends[:-1] + 1]).astype(np.int64)[: len(ends)]
     if len(digits) != (ends[-1] + 1 if len(ends) else 0) or len(ends) % (1 + columns):
         raise ValueError(
-            f"incomplete data: {len(packed)} bytes do not end with a complete row of {columns} numbers"
+            f"incomplete data: {len(packed)} bytes do not end with a complete row; allowed: rows of {columns} numbers"
         )
     place = np.arange(len(digits)) - np.repeat(starts, ends - starts + 1)
     numbers = np.add.reduceat((digits & 0x7F) << (VARINT_DIGIT_BITS * place), starts) if len(ends) else digits

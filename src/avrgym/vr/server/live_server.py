@@ -89,7 +89,9 @@ def create_app(
         try:
             glb = await exporter.wait_for_glb(number, *known[number])
         except Exception as error:  # any error of the export process
-            raise HTTPException(500, f"scene {number} cannot be exported: {error!r}") from error
+            raise HTTPException(
+                500, f"scene {number} cannot be exported: {error!r}; restart the server"
+            ) from error
         return Response(glb, media_type="model/gltf-binary", headers=caching)
 
     @app.websocket("/ws")

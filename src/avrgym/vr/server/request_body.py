@@ -41,7 +41,9 @@ async def decode_json_body(request: Request, kind: type[B], max_bytes: int) -> B
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise HTTPException(422, str(error)) from None
     except RecursionError:
-        raise HTTPException(422, "the JSON is nested too deeply") from None
+        raise HTTPException(
+            422, "the JSON is nested too deeply; allowed: the fields of the request"
+        ) from None
 
 
 def json_response(value: Any, status: int = 200) -> Response:
