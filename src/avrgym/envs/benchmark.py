@@ -57,7 +57,8 @@ class _Run:
 def measure_simulation_speed(
     environment_id: str, num_envs: int, progress: Callable[[], None] = lambda: None, engine: str = THREADS
 ) -> SimulationSpeed:
-    """Measures the speed of an environment ``NUM_RUNS`` times. Returns medians. ``progress`` is called after each run.
+    """Measures the speed of an environment ``NUM_RUNS`` times. Returns the median results. ``progress`` is called after
+    each run.
 
     Raises:
         ValueError: for an unknown environment or engine, or fewer than one world.
@@ -95,7 +96,11 @@ NUM_IMAGES = 10
 
 @dataclass(frozen=True)
 class CameraSpeed:
-    """Number of images per second of one camera, kind (such as depth) and size (width × height), without physics."""
+    """Rendering speed of one camera, without physics.
+
+    ``kind`` is the type of image, such as ``depth``. ``size_px`` is width × height. ``frames_per_second`` is the number
+    of images per second.
+    """
 
     env: str
     camera: str
@@ -107,7 +112,7 @@ class CameraSpeed:
 def measure_camera_speed(
     environment_id: str, progress: Callable[[], None] = lambda: None, frames: int = NUM_IMAGES
 ) -> list[CameraSpeed]:
-    """Measures the image rate of the wrist camera. Returns one row for each kind and size of images.
+    """Measures the image rate of the wrist camera. Returns one result for each kind and size of images.
 
     ``progress`` is called after each kind and size.
 

@@ -15,7 +15,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.registry import instruction
 
 LEROBOT_ENTRY_NAMES = {STATE: "agent_pos", ENVIRONMENT_STATE: "environment_state"}
-"""Names of the observation's entries for each of LeRobot's features."""
+"""Maps each LeRobot feature of an observation to its key in the observation dictionary."""
 LeRobotObservation = dict[str, Any]
 
 
@@ -74,11 +74,11 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
         )
 
     def render(self) -> NumpyArray | None:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Returns an image (H, W, 3) of the scene."""
+        """Returns an RGB image (H, W, 3) of the scene, uint8."""
         return self._world.render()
 
     def close(self) -> None:
-        """Free the graphics memory."""
+        """Close the renderer, which frees its graphics memory."""
         self._world.close()
 
     def _converted(self, observation: AnyObservation) -> LeRobotObservation:
@@ -90,7 +90,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
 
 
 def _space_like(example: LeRobotObservation) -> gym.spaces.Dict:
-    """Returns the space of observations with the shapes of an example."""
+    """Returns an observation space with the keys, shapes and data types of an example observation."""
     spaces: dict[str, gym.Space[Any]] = {}
     for name, value in example.items():
         if is_table(value):

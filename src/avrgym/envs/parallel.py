@@ -31,8 +31,8 @@ ROBOT_AGENT, HUMAN_AGENT = "robot", "human"
 class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     """One world with two agents. The robot's observations, rewards and infos are the same as with ``gym.make``.
 
-    The human's action (K,) contains a number in [−1, 1] for each of ``human_joints``: the joint's speed divided by the
-    speed of unhurried people. With the zero action, the human does not move.
+    The human's action (K,) contains a number in [−1, 1] for each of ``human_joints``: the joint's speed divided by its
+    maximum speed. With the zero action, the human does not move.
     """
 
     metadata: dict[str, Any]
@@ -89,11 +89,11 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         self._steps_left = 0
 
     def observation_space(self, agent: str) -> gym.Space[FloatArray]:
-        """Returns the space of an agent's observations."""
+        """Returns the observation space of ``agent``: ``robot`` or ``human``."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gym.Space[Action]:
-        """Returns the space of an agent's actions."""
+        """Returns the action space of ``agent``: ``robot`` or ``human``."""
         return self.action_spaces[agent]
 
     def reset(
@@ -122,7 +122,7 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
     ]:
         """Perform one control step. Returns observations, rewards, terminations, truncations and infos by agent.
 
-        For both agents, the episode is truncated after ``max_episode_steps``. An error changes nothing.
+        For both agents, the episode is truncated after ``max_episode_steps``. An error does not change the state.
 
         Raises:
             ValueError: for a missing action, a wrong shape, or numbers that are not finite.

@@ -16,10 +16,13 @@ from avrgym.tasks.task import View
 IMAGE_HEIGHT_PX, IMAGE_WIDTH_PX = 480, 640
 """Default height and width of images."""
 SHADOW_MAP_SIZE_PX = 2048
-"""Size of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. It reduces the rendering time
-without a graphics card by a quarter."""
+"""Width and height of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. Without a graphics card,
+a smaller map shortens rendering.
+"""
 EYES_CAMERA, EYES_FIELD_OF_VIEW_DEG = "eyes", 96.0
-"""Name of the camera at the person's eyes, and its vertical field of view: that of a Quest 3."""
+"""Name and vertical field of view (degrees) of the camera at the person's eyes. The headset Quest 3 has this field of
+view.
+"""
 
 
 class Camera:
@@ -34,7 +37,7 @@ class Camera:
         height_px: int = IMAGE_HEIGHT_PX,
         first_person: bool = False,
     ) -> None:
-        """Build the scene of the current episode with its appearance.
+        """Build the scene of the current episode with its visual geoms.
 
         The view is from the side, or with ``first_person`` from the person's eyes.
 
@@ -96,8 +99,9 @@ class Renderer:
     _camera: Camera | None = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the state for copies, without the camera. A copy continues bit-identically and creates its own
-        camera."""
+        """Returns the attributes for copying and pickling, without the camera. A copy continues bit-identically and
+        creates its own camera.
+        """
         return {**self.__dict__, "_camera": None}
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -113,11 +117,11 @@ class Renderer:
         return self._camera.render()
 
     def close(self) -> None:
-        """Free the camera. The next image creates a new one."""
+        """Close the camera. The next call of ``render`` creates a new camera."""
         self.close_camera()
 
     def close_camera(self) -> None:
-        """Free the camera of ``render`` when an episode ends."""
+        """Close the camera at the end of an episode."""
         if self._camera is not None:
             self._camera.close()
             self._camera = None

@@ -23,7 +23,7 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.episodes import Episodes
 
 MJB_FILE, MJCF_FILE, START_FILE, USD_FILE = "scene.mjb", "scene.xml", "start.json", "scene.usdc"
-"""Names of the written files."""
+"""Names of the exported scene files."""
 EPISODE_MODEL_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
 """Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
 START_KEYFRAME = "start"
@@ -33,7 +33,8 @@ START_KEYFRAME = "start"
 def write_scene(episodes: Episodes, out: Path) -> None:
     """Write the scene of the first world at the start of its episode into a new folder.
 
-    The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). The MJB file reproduces the
+    The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). ``START_FILE`` contains the
+    environment id, the person, the initial simulation state and the program versions. The MJB file reproduces the
     simulation bit for bit. It contains no visual geoms. The MJCF file contains dynamics and appearance, with six
     significant digits. In MJCF the person is less compliant, because MJCF cannot store the person's higher
     ``body_invweight0``.

@@ -60,9 +60,9 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 ):
     """Gymnasium environment of one world.
 
-    ``info`` contains ``success`` (whether the task has succeeded in this episode), ``reward_terms`` (unweighted)
-    and ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``,
-    the number of interventions in the episode. If the force guard or the withdrawal replaced the action,
+    ``info`` contains ``success`` (whether the task has succeeded in this episode), ``reward_terms`` (unweighted) and
+    ``force_on_person`` (newtons). With the force guard, ``info`` also contains ``guard_interventions``, the number of
+    interventions in the episode. The force guard or the withdrawal after success may replace the action. Then
     ``executed_action`` (A,) is the action at the end of the step.
     """
 
@@ -125,7 +125,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     def step(self, action: Float32Array) -> tuple[AnyObservation, float, bool, bool, dict[str, Any]]:
         """Perform one control step. Returns observation, reward, terminated, truncated and info.
 
-        The episode is truncated after ``max_episode_steps`` and never terminates. An error changes nothing.
+        The episode is truncated after ``max_episode_steps`` and never terminates. An error does not change the state.
 
         Raises:
             ValueError: for an action of another shape than (A,), or with numbers that are not finite.
@@ -181,7 +181,7 @@ single_entry_point = _SingleEntry()
 
 
 def info_of(step: StepOutcome) -> dict[str, Any]:
-    """Returns the info of the first world.
+    """Returns Gymnasium's ``info`` dictionary for the first world.
 
     Values have Python's types. Gymnasium's vector environments convert Python's bools to arrays, but not NumPy's bools.
     """

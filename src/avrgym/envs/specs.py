@@ -35,7 +35,7 @@ class SerializableSpec:
 
 
 def to_plain_data(value: Any) -> Any:
-    """Returns a value as JSON types. A person or a camera becomes a dictionary of its fields."""
+    """Converts a value to JSON types. A person or a camera becomes a dictionary of its fields."""
     if isinstance(value, Person):
         return to_plain_data(asdict(value))
     if isinstance(value, msgspec.Struct):

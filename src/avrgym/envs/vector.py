@@ -42,7 +42,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     """N worlds that are stepped in parallel. Behaves like ``gymnasium.vector.SyncVectorEnv`` of N single environments.
 
     ``autoreset_mode`` determines when a world starts its next episode: in the last step of the old episode (default),
-    in the next step, or only by ``reset`` with ``options={"reset_mask": mask}``. In the second case, the next step
+    in the next step, or only by ``reset`` with ``options={"reset_mask": mask}``. In the second mode, this next step
     ignores the world's action and returns reward 0.
     """
 
@@ -115,8 +115,9 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         self._worlds = [SubEnvironment(self, index, metadata_of(self.episodes)) for index in range(num_envs)]
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns the state for copies, without cameras. A copy continues bit-identically and creates its own
-        cameras."""
+        """Returns the attributes for copying and pickling, without cameras. A copy continues bit-identically and
+        creates its own cameras.
+        """
         return {**self.__dict__, "_views": {}}
 
     @property
@@ -157,7 +158,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
     ) -> tuple[AnyObservation, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Perform one control step in all worlds. Returns observations, rewards, terminations, truncations and infos.
 
-        An error changes nothing.
+        An error does not change the state.
 
         Raises:
             ValueError: for actions of another shape than (N, A), or with numbers that are not finite.
@@ -205,7 +206,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
             )
 
     def _begin(self, world_mask: BoolArray) -> StepOutcome:
-        """Start episodes in the worlds of a mask (N,). Returns the current step of all worlds."""
+        """Start episodes in the worlds of a mask (N,). Returns the step results of all worlds."""
         ids = np.nonzero(world_mask)[0]
         if not len(ids) and self._now is not None:
             return self._now

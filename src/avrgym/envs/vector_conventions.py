@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from avrgym.envs.vector import AssistiveVectorEnv
 
 Seeds = int | np.integer | Sequence[int | None] | NDArray[np.integer] | None
-"""One seed for all worlds, one for each world, or none."""
+"""Argument ``seed`` of ``reset``: one integer for all worlds, a sequence with one seed per world, or ``None``."""
 
 
 class RandomStreams:
@@ -115,7 +115,7 @@ def _where(world_mask: BoolArray, some: NumpyArray, others: NumpyArray) -> Numpy
 def infos(step: StepOutcome, of: BoolArray) -> dict[str, Any]:
     """Returns Gymnasium's infos of the worlds in the mask ``of`` (N,). Values of other worlds are 0.
 
-    For each key there is a mask ``_key`` (N,) of the worlds with a value.
+    For each key, the dictionary also contains a mask ``_key`` (N,) of the worlds with a value.
     """
     terms = {name: np.where(of, term, 0.0) for name, term in step.reward_terms.items()}
     found: dict[str, Any] = {

@@ -18,7 +18,7 @@ RAD_PER_DEGREE = float(np.radians(1.0))
 """Radians in one degree."""
 
 _NUMPYS = (np.ndarray, float, int, list, tuple, np.generic)
-"""Types that NumPy functions accept directly."""
+"""Types for which the functions of this module use NumPy."""
 
 
 def namespace(*values: AnyArray) -> Any:
@@ -104,7 +104,9 @@ def indices_to_compute(mask: AnyArray) -> tuple[AnyArray, ...]:
 
 
 def interpolate(limits: tuple[float, float], share: FloatArray) -> FloatArray:
-    """Returns the linear interpolation between two limits: the first limit at share 0, the second limit at share 1."""
+    """Returns the linear interpolation between two limits, in the shape of ``share``. Share 0 gives the first limit,
+    share 1 the second limit.
+    """
     return limits[0] + (limits[1] - limits[0]) * share
 
 

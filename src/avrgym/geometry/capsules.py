@@ -13,7 +13,7 @@ from avrgym.geometry.arrays import namespace, namespace_and_floats
 
 
 def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatArray) -> FloatArray:
-    """Returns the distance (...) in metres between segments a and b, given by their ends (..., 3).
+    """Returns the distance (...) in metres between segments a and b, given by their end points (..., 3).
 
     The algorithm clamps the closest points of the two lines to the segments (Ericson, *Real-Time Collision Detection*,
     2005, section 5.1.9). Segments may be points or parallel. The error is at most 1e-8 of the segments' length.
@@ -31,7 +31,7 @@ def segment_distance(a0: FloatArray, a1: FloatArray, b0: FloatArray, b1: FloatAr
 def point_segment_distance(point: FloatArray, s0: FloatArray, s1: FloatArray) -> FloatArray:
     """Returns the distance (...) in metres of points (..., 3) from segments.
 
-    The ends of the segments are ``s0`` and ``s1`` (..., 3).
+    ``s0`` and ``s1`` (..., 3) are the end points of the segments.
     """
     point, s0, s1 = _axis_first(point, s0, s1)
     along, offset = s1 - s0, point - s0

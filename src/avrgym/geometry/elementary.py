@@ -6,8 +6,8 @@ in a fixed order. IEEE 754 defines their results to the last bit. Arguments are 
 parts (Cody and Waite, "Software Manual for the Elementary Functions", 1980). Then Taylor series are summed.
 
 Arguments are finite float64 or float32 arrays of any shape. Results have the same type. Errors are a few units in the
-last place of 1, or of the result if it is larger than 1. Errors of powers increase with the logarithm of the result.
-For arrays of PyTorch and other libraries, the functions call the functions of that library.
+last place of the result, or of 1 for smaller results. Errors of powers increase with the logarithm of the result. For
+arrays of PyTorch and other libraries, the functions call the functions of that library.
 """
 
 import hashlib
@@ -86,8 +86,8 @@ def tan(x: ArrayLike) -> NumpyArray:
 def arctan2(y: ArrayLike, x: ArrayLike) -> NumpyArray:
     """Returns the angle of the point (x, y) in radians, −π..π; 0 at the origin.
 
-    Let t be the ratio of the smaller to the larger coordinate, and c the multiple of 1/4 that is closest to t. Then
-    arctan t = arctan c + arctan (t − c)/(1 + c t).
+    Let t be the ratio of the smaller to the larger coordinate, and c the closest multiple of 1/4. Then arctan t =
+    arctan c + arctan (t − c)/(1 + c t).
     """
     y, x = np.broadcast_arrays(_floating(y), _floating(x))
     across, along = np.abs(y), np.abs(x)
@@ -184,9 +184,10 @@ _CIRCULAR = {
         _alternating(range(0, 10, 2)),
     ),
 }
-"""By data type: 2π as a sum of parts, then the series of sine and cosine for angles of at most π/4.
+"""Constants by data type: 2π as a sum of parts, then the Taylor coefficients of sine and cosine for angles of at most
+π/4.
 
-Products of the first parts and a number of revolutions are exact.
+The product of such a part (except the last) and a number of revolutions is exact.
 """
 
 _ARCTANGENTS = np.array(

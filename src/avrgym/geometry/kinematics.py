@@ -1,8 +1,8 @@
 """Kinematics of chains of hinges and slides: forward kinematics, Jacobian, isotropy, inverse kinematics.
 
-Joint positions are in radians for hinges and in metres for slides. ``Chain.units`` makes them comparable. In public
-arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then use contiguous memory. A
-rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
+Joint positions are in radians for hinges and in metres for slides. ``Chain.joint_units`` makes them comparable. In
+public arrays (N, ...) the row is the first axis. Internally it is the last axis: operations then use contiguous memory.
+A rotation is stored as its three columns, (3, 3, N). A row's result does not depend on other rows, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -90,7 +90,7 @@ def _product(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _snapped(values: FloatArray) -> list[Any]:
-    """Returns the values. Numbers close to an integer (0 or ±1) are rounded to it, which makes products cheap."""
+    """Returns the values, with numbers close to 0 or ±1 rounded to it. Products with 0 and ±1 are faster."""
     whole = np.round(values)
     return np.where(np.abs(values - whole) < 1e-12, whole, values).tolist()
 
@@ -143,7 +143,7 @@ def extract_chain(model: mujoco.MjModel, joints: Sequence[str], base: str, tip: 
 
 
 def joint_units(types: Sequence[int]) -> FloatArray:
-    """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.units``."""
+    """Returns the unit of each joint's position (J,), from MuJoCo's joint types; see ``Chain.joint_units``."""
     return np.where(np.equal(types, SLIDE_JOINT_TYPE), METRES_PER_RADIAN, 1.0)
 
 
@@ -246,8 +246,8 @@ def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray
 def isotropy(chain: Chain, joint_positions: FloatArray) -> FloatArray:
     """Returns the joint-limit-weighted kinematic isotropy (N,) at joint positions (N, J).
 
-    It is 0 at singularities and at most 1. For joints in ``Chain.units``, it is the geometric mean of the eigenvalues
-    of J W Jᵀ, divided by their arithmetic mean: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
+    It is 0 at singularities and at most 1. For joint positions in ``Chain.joint_units``, it is the geometric mean of
+    the eigenvalues of J W Jᵀ, divided by their arithmetic mean: det(J W Jᵀ)^(1/6) / (trace(J W Jᵀ) / 6), W =
     diag(``joint_limit_weights``). Source: Kapusta and Kemp (Autonomous Robots 43, 2019), after the kinematic isotropy
     of Kim and Khosla (IROS 1991).
     """
@@ -302,7 +302,7 @@ def inverse_kinematics(
         target_pos: (N, 3) in the base frame, metres.
         target_q: (N, 4), or None for any rotation.
         start: (N, J), the initial joint positions.
-        iterations: maximum number of steps. A step moves each joint by at most 0.5 ``Chain.units``.
+        iterations: maximum number of steps. A step moves each joint by at most half of its ``Chain.joint_units``.
         tolerance: the search of a row ends when its weighted error is at most this value, metres.
         precision: data type of the computation. ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.
     """
@@ -346,10 +346,11 @@ def inverse_kinematics_with_restarts(
 ) -> FloatArray:
     """Returns joint positions (N, J) for target positions (N, 3) and rotations (N, 4).
 
-    The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs by
-    at most one unit, see ``Chain.units``. Random numbers ``uniforms`` (N, ``num_restart_uniforms(J)``) determine them.
-    The result of a row is the first solution with errors below 5 mm and 0.05 rad. Without such a solution it is the
-    best one. Continuous joints are wrapped to ±π.
+    The search starts at a seed pose (J,), then at random poses near the seed pose. In these poses each joint differs
+    from the seed pose by at most one unit, see ``Chain.joint_units``. Random numbers ``uniforms`` (N,
+    ``num_restart_uniforms(J)``) determine the random poses. The result of a row is the first solution with errors below
+    5 mm and 0.05 rad. Without such a solution, it is the solution with the smallest error. Continuous joints are
+    wrapped to ±π.
     """
     best = inverse_kinematics(chain, target_pos, target_q, np.tile(seed_pose, (len(target_pos), 1)))
     for restart in range(NUM_RESTARTS):
@@ -435,7 +436,7 @@ def _jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
 
 
 def _scaled_jacobian(poses: _Poses, metres_per_radian: float = 1.0) -> FloatArray:
-    """Returns the Jacobian of ``_jacobian`` for joint positions in ``Chain.units``."""
+    """Returns the result of ``_jacobian`` for joint positions in ``Chain.joint_units``."""
     j = _jacobian(poses, metres_per_radian)
     for slide in poses.slides:
         j[slide] *= METRES_PER_RADIAN

@@ -13,7 +13,7 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary, transforms
 
 MIN_DIVISOR = 1e-30
-"""Minimum divisor. It replaces smaller divisors and zero."""
+"""Minimum divisor. It replaces zero and smaller positive divisors."""
 
 
 def move_batch_axis_last(move_batch_axis_first: FloatArray) -> FloatArray:
@@ -74,7 +74,7 @@ def gaussian_elimination(system: FloatArray) -> None:
 
 
 def solve_linear(system: FloatArray) -> FloatArray:
-    """Returns the solution (6, N) of linear equations (6, 7, N). The last column is the right side.
+    """Returns the solution (6, N) of linear equations (6, 7, N). The last column is the right-hand side.
 
     The function changes ``system``.
     """

@@ -29,7 +29,8 @@ RECURRENT_CONFIGURATION_FILE = "adaptive.json"
 VISUAL_CONFIGURATION_FILE = "visual.json"
 """Name of the configuration file of a training run with the recipe ``visual``."""
 STORED_PEOPLE_NAME, PEOPLE_FILE_SUFFIX = "people", ".toml"
-"""Name of the copied people in the folder of a training run: a people file, or a folder of trained humans."""
+"""Name and suffix of the copy of the people in a training run's folder: a people file, or a folder of trained humans.
+"""
 LEARNING_VERSION = 2
 """Version of the training algorithm. A training run is resumed only with the version that started it."""
 RENAMED_KEYS = {
@@ -101,7 +102,7 @@ class TrainingConfiguration:
 
     @property
     def imitation_steps(self) -> int:
-        """Returns the number of environment steps of imitation."""
+        """Returns the number of environment steps in the imitation updates."""
         return self.imitation_updates * self.steps_per_update
 
     @abstractmethod
@@ -115,7 +116,9 @@ class TrainingConfiguration:
 
 @dataclass(frozen=True, kw_only=True)
 class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
-    """Settings of the training of a robot's feed-forward policy. With ``pairing``, a human's policy is trained too."""
+    """Settings of the training of a robot's feed-forward policy. If ``pairing`` is set, robot and human are trained
+    together.
+    """
 
     people: str = ORIGINAL
     impairment: str = "none"
@@ -132,7 +135,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return replace(self, steps=steps, imitation_rounds=self.imitation_updates, imitation_share=1.0)
 
     def _ppo_progress(self, steps: float) -> float:
-        """Returns the completed share of PPO after ``steps`` environment steps, 0 to 1."""
+        """Returns the completed share of PPO's environment steps, 0 to 1, after ``steps`` steps in total."""
         return min(1.0, max(0.0, steps - self.imitation_steps) / max(1, self.steps - self.imitation_steps))
 
     def log_std_at(self, steps: float) -> float:
@@ -198,7 +201,9 @@ class RecurrentConfiguration(TrainingConfiguration):
         return replace(longer, imitation_share=self.imitation_updates / longer.total_updates)
 
     def ppo_progress(self, update: int) -> float:
-        """Returns the completed share of PPO before an update, 0 to 1. It is 0 while only the critic learns."""
+        """Returns the completed share of PPO's updates, 0 to 1, before the update with this number. It is 0 while only
+        the critic learns.
+        """
         first = self.imitation_updates + RECURRENT_HYPERPARAMETERS.critic_updates
         return max(0.0, (update - first) / max(1, self.total_updates - first))
 
@@ -244,7 +249,7 @@ def configuration_for(
     pairing: JointTrainingSettings | None = None,
     **others: Any,
 ) -> FeedforwardConfiguration:
-    """Returns the settings for training a feed-forward policy. Default hyperparameters: those of the task.
+    """Returns the settings for training a feed-forward policy. By default, hyperparameters are those of the task.
 
     Raises:
         ValueError: for an unknown environment. The message contains the allowed ids.
@@ -263,7 +268,7 @@ def configuration_for(
 
 
 def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
-    """Write a configuration into the folder of its training run."""
+    """Write a configuration as JSON into the folder ``out`` of its training run."""
     files: dict[type, str] = {
         RecurrentConfiguration: RECURRENT_CONFIGURATION_FILE,
         VisualConfiguration: VISUAL_CONFIGURATION_FILE,
@@ -273,7 +278,7 @@ def write_configuration(configuration: AnyConfiguration, out: Path) -> None:
 
 
 def contains_training_run(out: Path) -> bool:
-    """Returns whether a folder contains a training run."""
+    """Returns whether the folder ``out`` contains the configuration file of a training run."""
     return any(
         (out / name).exists()
         for name in (FEEDFORWARD_CONFIGURATION_FILE, RECURRENT_CONFIGURATION_FILE, VISUAL_CONFIGURATION_FILE)
@@ -315,8 +320,9 @@ def read_configuration(out: Path) -> AnyConfiguration:
 
 
 def _people_move(configuration: AnyConfiguration) -> bool:
-    """Returns whether the people of a training run move. Returns ``False`` if the name of the population has a
-    version."""
+    """Returns whether the people of a training run move. Returns ``False`` if the population's name contains a motion
+    version, as in ``participants@1``.
+    """
     named = NAMED_DISTRIBUTIONS.get(configuration.people)
     if named is None or "@" in configuration.people:
         return False

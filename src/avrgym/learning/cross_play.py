@@ -47,8 +47,8 @@ def cross_play(
 ) -> list[Evaluation]:
     """Evaluate every policy with every population. Returns a row for each population, policy and environment.
 
-    The arguments are those of ``evaluate_all``. In an environment, all policies are evaluated in the same episodes. If
-    ``leave_out`` is given, environments without the policy or population are skipped, and environments with an error.
+    The arguments are those of ``evaluate_all``. In an environment, all policies are evaluated in the same episodes.
+    With ``leave_out``, environments are skipped if they have an error, or do not have the policy or population.
     ``leave_out`` is called once for the environments without a policy or population, and once for each error.
 
     Raises:

@@ -1,4 +1,7 @@
-"""Demonstrations of a simulated operator who intends the actions of a policy, for imitation in other programs."""
+"""Records demonstrations of a simulated operator. Other programs can imitate them.
+
+The operator intends the actions of a policy.
+"""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -21,7 +24,7 @@ MAX_WORLDS = 16
 
 @dataclass(frozen=True)
 class DemonstrationTotals:
-    """Number of successful episodes, and number of all attempts."""
+    """Numbers of successful episodes and of attempts until now."""
 
     successes: int
     attempts: int
@@ -45,10 +48,10 @@ def demonstrate(
         steps: number of control steps of an episode.
         seed: determines people, initial states and the operator's noise.
         cameras: cameras that are rendered at the start of each control step.
-        report: called after each attempt, with the numbers so far.
+        report: called after each attempt, with the totals.
 
     Raises:
-        ValueError: if fewer episodes than ``episodes`` succeed in 10 times as many attempts.
+        ValueError: if fewer than ``episodes`` attempts succeed, out of 10 × ``episodes`` attempts.
     """
     count = world.simulation.num_worlds
     successes = attempts = 0
@@ -76,7 +79,7 @@ def _run(
     seed: int,
     cameras: Sequence[CameraSpec],
 ) -> Generator[DatasetEpisode]:
-    """Run one attempt in each world. Yields them in the order of their numbers."""
+    """Run one attempt in each world. Yields the recorded attempts in the order of ``numbers``."""
     generators = [demonstration_generator(seed, number) for number in numbers]
     observation = world.reset(np.arange(len(numbers)), generators)
     operator = SimulatedOperator(generators, world.action_size, world.settings.control_hz)

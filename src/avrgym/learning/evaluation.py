@@ -36,8 +36,9 @@ NORMAL_QUANTILE = NormalDist().inv_cdf(0.975)
 
 
 class EpisodeResults(NamedTuple):
-    """Results of n episodes, arrays (n,). ``draws`` is the number of initial states that were sampled until one had
-    enough clearance, see ``Evaluation``."""
+    """Results of n episodes, arrays (n,). ``draws`` is the number of sampled initial states. Samples are drawn until
+    one has enough clearance.
+    """
 
     reward: FloatArray
     success: BoolArray
@@ -165,17 +166,17 @@ def evaluate_all(
     """Evaluate a policy in each environment. Returns one result per environment, in the same order.
 
     Args:
-        environment_ids: such as ``avrgym/FeedingJaco-v1``.
+        environment_ids: environment ids such as ``avrgym/FeedingJaco-v1``.
         policy: a name or path that ``policies.registry.resolve_policy`` accepts.
         people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder of
             trained humans.
-        episodes: number per environment, 1 or more.
+        episodes: number of episodes per environment, 1 or more.
         seed: seed of the episodes, which determines people and initial states.
         progress: called repeatedly with the number of environment steps since the last call.
         impairment: a name in ``people.impairments.IMPAIRMENTS``.
         split: episodes of the test or the validation split, see ``random_streams``.
-        jobs: number of processes; it does not change results. Default: one per core if there are enough episodes; one
-            if physics is computed on a device.
+        jobs: number of processes; it does not change results. By default: one per core, or one if physics is computed
+            on a device. With few episodes, fewer processes run.
         cluster: a cluster that runs the episodes instead of this computer. It does not change results.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         force_guard: whether the force guard limits contact force and approach speed.
@@ -186,8 +187,8 @@ def evaluate_all(
         steps: number of control steps of an episode.
 
     Raises:
-        ValueError: for an unknown name, a policy of another environment, settings or sizes, or fewer than one episode.
-            The message contains the allowed values.
+        ValueError: for an unknown name, or fewer than one episode. Also for a policy that was trained for another
+            environment, other settings or other array sizes. The message contains the allowed values.
         ControllerError: if the controller of another package fails.
     """
     if episodes < 1:

@@ -106,8 +106,9 @@ def num_rollout_requests(configuration: FeedforwardConfiguration, cluster: "Clus
 
 
 class FeedforwardRecipe:
-    """The recipe of feed-forward policies, see ``recipe.Recipe``. The agents are the robot and, with ``pairing``, the
-    human."""
+    """The recipe of feed-forward policies, see ``recipe.Recipe``. The agents are the robot and, if ``pairing`` is set,
+    the human.
+    """
 
     def __init__(
         self, configuration: FeedforwardConfiguration, out: Path, cluster: "Cluster | None" = None
@@ -179,8 +180,9 @@ class FeedforwardRecipe:
         return policies
 
     def state(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        """See ``Recipe.state``. The state contains NumPy's global random stream, because Stable-Baselines3 uses it for
-        minibatches."""
+        """Returns the state for a checkpoint, see ``Recipe.state``. It contains NumPy's global random stream, because
+        Stable-Baselines3 uses this stream for minibatches.
+        """
         tensors = {
             **ppo.agent_state(self._agents[0]),
             "torch_random": torch.get_rng_state(),

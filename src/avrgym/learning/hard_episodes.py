@@ -1,8 +1,8 @@
 """Replay of failed episodes: training repeats them until they succeed.
 
 A policy learns slowly from rare failures. For example, the arm traps the person's hand in one of a hundred initial
-states. Repetition makes such initial states frequent (compare Jiang, Grefenstette and Rocktäschel, "Prioritized level
-replay", ICML 2021).
+states. Training repeats such initial states to make them frequent (compare Jiang, Grefenstette and Rocktäschel,
+"Prioritized level replay", ICML 2021).
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from avrgym.system import random_streams
 
 FAILURE_FORCE_N = 12.0
-"""Maximum mean force on the person. Episodes with a larger force count as failed, even if the task succeeded."""
+"""Maximum mean force on the person. Episodes with a larger force are treated as failed, even if the task succeeded."""
 MAX_STORED_EPISODES = 256
 """Maximum number of stored seeds. The oldest seeds are deleted first."""
 
@@ -23,7 +23,9 @@ class HardEpisodeSampler:
     """
 
     def __init__(self, worlds: int, share: float, seed: int) -> None:
-        """Repeat episodes in at most a ``share`` of the worlds. ``seed`` is the seed of the training run."""
+        """``share`` is the maximum fraction of the worlds that repeat failed episodes, 0 to 1. ``seed`` is the seed of
+        the training run.
+        """
         self.stored: list[int] = []
         self.repeated = 0
         self._worlds, self._max_repeated, self._seed = worlds, int(share * worlds), seed

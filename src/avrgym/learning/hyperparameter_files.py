@@ -1,4 +1,4 @@
-"""Hyperparameter files: TOML with fields of ``Hyperparameters``. Missing fields have the values of the task."""
+"""Reads hyperparameter files: TOML with fields of ``Hyperparameters``. Missing fields have the task's values."""
 
 import json
 import tomllib
@@ -46,7 +46,7 @@ def as_value_error(error: msgspec.ValidationError, where: str) -> ValueError:
 
 
 def changed_hyperparameters(changes: Mapping[str, Any], environment: str, where: str) -> Hyperparameters:
-    """Returns the hyperparameters of an environment, with ``changes``.
+    """Returns the default hyperparameters of an environment, with ``changes`` applied.
 
     Error messages contain ``where``: the file, or a part of it.
 

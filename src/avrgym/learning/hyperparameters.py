@@ -125,7 +125,8 @@ PAPER_HYPERPARAMETERS = Hyperparameters(
 )
 """The paper's recipe, the same for every task: PPO alone, with the tasks' own rewards.
 
-The paper reports neither the exploration noise nor the number of episodes per update. ``log_std`` is that of feeding.
+The paper does not report the exploration noise and the number of episodes per update. ``log_std`` is that of the task
+Feeding.
 """
 PAPER_STEPS = 10_000_000
 """Environment steps of each training run in the paper (section VI)."""
@@ -145,11 +146,13 @@ class ImitationHyperparameters:
     batch_size: int = 1024
     n_epochs: int = 10
     final_round_n_epochs: int = 100
-    """``n_epochs``: epochs of the fit after each round. ``final_round_n_epochs``: after the last round."""
+    """Number of epochs of the fit after the last round. ``n_epochs`` is the number after each other round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     final_round_lr_decay: float = 0.01
-    """Final learning rate of a fit, relative to ``learning_rate``: after each round, and after the last round."""
+    """Final learning rate of the last round's fit, relative to ``learning_rate``. ``lr_decay`` is the value for each
+    other round.
+    """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,16 +168,20 @@ class RecurrentHyperparameters:
     imitation_share: float = 0.25
     """Default share of imitation updates in all updates."""
     expert_share: float = 0.7
-    """As in ``ImitationHyperparameters``."""
+    """Share of worlds that the expert controls, relative to the previous round; 1 in the first round."""
     imitation_minibatch_episodes: int = 32
-    """Episodes in a minibatch of imitation."""
+    """Number of episodes in a minibatch of imitation."""
     gradient_steps: int = 40
     final_round_gradient_steps: int = 1500
-    """Number of gradient steps after each round of imitation, and after the last round."""
+    """Number of gradient steps after the last round of imitation. ``gradient_steps`` is the number after each other
+    round.
+    """
     imitation_learning_rate: float = 1e-3
     lr_decay: float = 0.3
     final_round_lr_decay: float = 0.01
-    """As in ``ImitationHyperparameters``."""
+    """Final learning rate of the last round's fit, relative to ``imitation_learning_rate``. ``lr_decay`` is the value
+    for each other round.
+    """
     imitation_max_grad_norm: float = 1.0
 
     learning_rate: float = 3e-5
@@ -187,9 +194,13 @@ class RecurrentHyperparameters:
     n_epochs: int = 4
     minibatch_episodes: int = 16
     max_minibatches: int = 8
-    """Episodes in a minibatch of PPO, and maximum number of minibatches in an epoch."""
+    """Maximum number of minibatches in an epoch of PPO. ``minibatch_episodes`` is the number of episodes in a
+    minibatch.
+    """
     target_kl: float = 0.03
-    """Maximum mean Kullback-Leibler divergence of an epoch. If an epoch exceeds it, the update ends."""
+    """Limit of the mean Kullback-Leibler divergence between old and new policy. If an epoch exceeds it, the update
+    ends.
+    """
     max_grad_norm: float = 0.5
     critic_memory_size: int = 64
     critic_net_arch: tuple[int, ...] = (64,)
@@ -197,14 +208,16 @@ class RecurrentHyperparameters:
     critic_updates: int = 4
     """Number of updates after imitation in which only the critic learns."""
     log_std: tuple[float, float] = (-2.3, -2.6)
-    """Natural logarithm of action_std at the start and the end of PPO."""
+    """Natural logarithm of the action standard deviation at the start and the end of PPO."""
     final_action_stds: tuple[float, ...] = (0.0, 0.05, 0.08)
-    """Candidates for the action_std of the trained policy. The candidate with the highest success rate is selected."""
+    """Candidates for the action standard deviation of the trained policy. The one with the highest success rate is
+    selected.
+    """
 
     force_weight_per_n: float = 0.02
     """Reward penalty per newton on the person in PPO, in addition to the task's reward terms."""
     max_rewarded_force_n: float = 1.5
-    """Force limit in newtons. The reward of PPO does not increase above this limit."""
+    """Force on the person in newtons above which PPO's reward for force does not increase."""
     overload_weight: float = 5.0
     """Reward penalty in PPO for a force at the transient limit of a body region, see ``rollouts.RolloutRequest``."""
 
@@ -214,9 +227,9 @@ class VisualHyperparameters:
     """Hyperparameters of a policy with vision, which imitates a teacher (``--recipe visual``)."""
 
     episode_steps: int = 32
-    """Control steps of each episode in training. In 95 % of episodes, the teacher feeds the person within 23 steps."""
+    """Number of control steps of each episode in training. Most of the teacher's episodes succeed earlier."""
     expert_share: float = 0.5
-    """As in ``ImitationHyperparameters``."""
+    """Share of worlds that the teacher controls, relative to the previous round; 1 in the first round."""
     teacher_noise_std: float = 0.3
     """Standard deviation of the noise on the teacher's actions."""
     action_loss_weight: float = 2.0
@@ -224,11 +237,13 @@ class VisualHyperparameters:
     batch_size: int = 128
     gradient_steps: int = 500
     final_round_gradient_steps: int = 4000
-    """Number of gradient steps after each round, and after the last round."""
+    """Number of gradient steps after the last round. ``gradient_steps`` is the number after each other round."""
     learning_rate: float = 1e-3
     lr_decay: float = 0.3
     final_round_lr_decay: float = 0.01
-    """As in ``ImitationHyperparameters``."""
+    """Final learning rate of the last round's fit, relative to ``learning_rate``. ``lr_decay`` is the value for each
+    other round.
+    """
 
 
 IMITATION_HYPERPARAMETERS = ImitationHyperparameters()

@@ -31,12 +31,13 @@ DATA_FILE_PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 """Quantiles, by their names in the format. Policies with quantile normalisation need q01 and q99."""
 UNUSED_STATE_FEATURE = "environment_state"
-"""Feature of the values that the robot does not measure, in a dataset with images. Without the prefix
-``observation``, LeRobot's policies do not use it: they should see the person in the images."""
+"""Feature of the values that the robot does not measure, in a dataset with images. Its name has no prefix
+``observation``. LeRobot's policies therefore ignore it, and must use the images.
+"""
 INTERVENTION = "intervention"
 """Feature that marks the frames in which an operator corrected a policy."""
 Columns = Mapping[str, NumpyArray]
-"""Values of frames, by feature."""
+"""Columns of a table of frames: arrays with one value per frame, by feature name."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ class DatasetEpisode:
 
 
 class DatasetWriter:
-    """Writes the episodes of one environment into a new folder, one after the other. A context manager."""
+    """Context manager that writes the episodes of one environment into a new folder, one after the other."""
 
     def __init__(
         self, folder: Path, *, observation: Observation, scene: SceneConfig, control_hz: int
@@ -107,14 +108,14 @@ class DatasetWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Write the metadata, unless there was an error."""
+        """Write the metadata of the dataset, unless the ``with`` block raised an error."""
         if self._file is not None:
             self._file.close()
         if error is None:
             self._write_metadata()
 
     def add(self, episode: DatasetEpisode) -> None:
-        """Append an episode."""
+        """Append an episode of T control steps as T frames to the dataset."""
         if episode.instruction not in self._tasks:
             self._tasks.append(episode.instruction)
         number, length = len(self._rows), len(episode.actions)
@@ -282,7 +283,7 @@ def _histogram_statistics(histogram: NumpyArray) -> dict[str, NumpyArray]:
 
 
 def write_dataset(folder: Path, episodes: Iterable[DatasetEpisode], **about: Any) -> None:
-    """Write episodes into a new folder. ``about``: the other arguments of ``DatasetWriter``."""
+    """Write episodes into a new folder. ``about`` contains the keyword arguments of ``DatasetWriter``."""
     with DatasetWriter(folder, **about) as writer:
         for episode in episodes:
             writer.add(episode)

@@ -19,7 +19,9 @@ OBSERVATION_CLIP, REWARD_CLIP = 5.0, 10.0
 
 
 class ObservationScales(Protocol):
-    """The size O of an observation and its fixed scales (O,). The scale is NaN for values without a fixed scale."""
+    """Interface of an observation's size O and its fixed scales (O,). The scale is NaN for values without a fixed
+    scale.
+    """
 
     @property
     def size(self) -> int: ...
@@ -87,7 +89,7 @@ class Normaliser:
         return xp.astype(xp.clip(scaled, -REWARD_CLIP, REWARD_CLIP), xp.float32)
 
     def state(self) -> dict[str, Any]:
-        """Returns the running means and variances, for a checkpoint."""
+        """Returns the running means and variances of observations and returns, for a checkpoint."""
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -21,7 +21,7 @@ from avrgym.networks.policy import Policy, PolicyMetadata
 
 TENSORBOARD_FOLDER = "tensorboard"
 PolicyUpdateFunction = Callable[[PPO, Any, Any, Any], object]
-"""Function that makes a PPO update of a model with whole episodes. All episodes end at the time limit.
+"""Function that performs a PPO update of a model with whole episodes. All episodes end at the time limit.
 
 Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) and scaled rewards (T, N).
 """
@@ -111,7 +111,7 @@ def update_agent(agent: Agent, rollout: Rollout, last: int, update: PolicyUpdate
 
 
 def update_on_host(model: PPO, observations: Any, actions: Any, rewards: Any) -> None:
-    """Make a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdateFunction``)."""
+    """Perform a PPO update with Stable-Baselines3 on the host (a ``PolicyUpdateFunction``)."""
     _fill(model, observations, actions, rewards)
     model.train()
 
@@ -139,7 +139,7 @@ def _fill(model: PPO, observations: Float32Array, actions: Float32Array, rewards
 
 
 def agent_state(agent: Agent) -> dict[str, Any]:
-    """Returns the state of an agent, for a checkpoint."""
+    """Returns the state of an agent for a checkpoint: network, optimizer and normaliser."""
     model, normaliser = agent
     return {
         "steps": model.num_timesteps,

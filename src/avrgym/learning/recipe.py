@@ -33,7 +33,9 @@ class Recipe(Protocol):
 
     @property
     def final_action_stds(self) -> tuple[float, ...]:
-        """Returns candidates for the trained policy's action_std. The one with the highest success rate is selected."""
+        """Returns candidates for the action standard deviation of the trained policy. The one with the highest success
+        rate is selected.
+        """
         ...
 
     def update(self) -> UpdateResults:
@@ -49,5 +51,5 @@ class Recipe(Protocol):
         ...
 
     def restore(self, tensors: dict[str, Any], values: dict[str, Any]) -> None:
-        """Restore the dictionaries that ``state`` returned."""
+        """Restore the recipe from the dictionaries that ``state`` returned."""
         ...

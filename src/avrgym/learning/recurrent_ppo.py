@@ -37,7 +37,7 @@ class RecurrentPPO:
         )
 
     def state(self) -> dict[str, Any]:
-        """Returns the state of the critic and both optimizers, for a checkpoint."""
+        """Returns the state of the critic and of both optimizers (policy and critic), for a checkpoint."""
         return {name: part.state_dict() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:

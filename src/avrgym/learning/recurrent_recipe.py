@@ -3,11 +3,12 @@
 The imitated expert uses the whole state of the person, without tremor. The policy receives only observations. It must
 infer the rest of the state with its memory (Chen et al., "Learning by cheating", CoRL 2019). Imitation is dataset
 aggregation; the loss is the error of the tool's motion, see ``tool_motion_loss``. Then PPO maximises the task's reward
-minus penalties for force.
+minus penalties for the force on the person.
 
 Training uses several groups of simulated people: one for each of ``ASSISTIVE_GYM_IMPAIRMENTS`` (by default people of
 ``zoo/train``), and one of static people of ``revised``. Each imitation update uses one group, each PPO update uses all
-groups. A trained policy may replace the expert as teacher. A trained recurrent policy may be the initial policy.
+groups. A trained policy may replace the expert as teacher. Training may start from the weights of a trained recurrent
+policy.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -43,7 +44,7 @@ from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 STATIONARY_POPULATION = (REVISED, "none")
 """Population and impairment of the static people."""
 TEACHER_FILE, INITIAL_POLICY_FILE = "teacher.safetensors", "initial.safetensors"
-"""Copies of the teacher and of the initial policy in the folder of a training run."""
+"""Names of the copies of the teacher and of the initial policy in the folder of a training run."""
 
 
 @dataclass(frozen=True)

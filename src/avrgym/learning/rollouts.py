@@ -58,15 +58,16 @@ class RolloutRequest:
         first_world_index: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
         noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These
-            and the number of the world are the seed of the exploration noise. ``None``: no noise.
+            two numbers and the number of the world are the seed of the exploration noise. ``None``: no noise.
         expert_controlled: mask (n,) of the worlds that an expert controls, see ``_expert_for``. With a mask, the
             expert's actions are recorded in all worlds. Experts compute on the host only. ``None``: no expert.
         teacher: a policy that replaces the task's expert; it acts without noise.
         force_weight_per_n: reward penalty per newton on the person.
-        max_rewarded_force_n: force limit in newtons. A reward for force does not increase above this limit.
+        max_rewarded_force_n: force on the person in newtons above which a reward for force does not increase.
         overload_weight: reward penalty in a step in which the force on a body region equals its transient limit. The
             penalty increases linearly from half the limit. Only on the host.
-        detour_weight_per_m: reward penalty per metre of the tool's detour, except in an episode's last step.
+        detour_weight_per_m: reward penalty per metre of the tool's detour. The last step of an episode has no such
+            penalty.
         preference_weights: weights of reward terms for an additional reward, see ``preference_reward``.
         shared_reward: whether a trained human receives the robot's reward, see ``Episodes.human_reward``.
     """
@@ -107,7 +108,7 @@ class Rollout:
 
     @classmethod
     def concatenate(cls, parts: list["Rollout"]) -> "Rollout":
-        """Combine rollouts of different worlds into one."""
+        """Combine rollouts of different worlds into one rollout, along the world axis."""
         if len(parts) == 1:
             return parts[0]
         names = parts[0]._arrays
@@ -196,7 +197,7 @@ def roll_out_agents(policies: Sequence[Policy], request: RolloutRequest) -> list
 def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[StepOutcome, FloatArray]:
     """Make a control step. Returns the step and the overload (n,): the maximum over body regions and physics steps.
 
-    The overload of a region is 0 up to half the transient limit, increases linearly, and is 1 at the limit.
+    The overload of a region is 0 up to half the transient limit. It then increases linearly, to 1 at the limit.
     """
     recorder = RegionLoadRecorder(len(action))
     step = worlds.step(action, recorder)
@@ -207,8 +208,8 @@ def _step_with_overload(worlds: Episodes, action: FloatArray) -> tuple[StepOutco
 def _expert_for(policy: Policy, request: RolloutRequest, worlds: Episodes) -> Controller:
     """Returns the request's teacher, or the task's expert if there is no teacher.
 
-    A recurrent policy imitates the memory-based expert if the task has one. Tremor is filtered from this expert's
-    input.
+    If the task has a memory-based expert, a recurrent policy imitates this expert. Tremor is filtered from this
+    expert's input.
     """
     if request.teacher is not None:
         return Actor(request.teacher, len(request.episode_seeds)).mean_actions

@@ -22,7 +22,9 @@ class SB3VectorEnv(VecEnv):
     """
 
     def __init__(self, env: AssistiveVectorEnv) -> None:
-        """Wrap ``env``. Raises ``ValueError`` if its autoreset mode is not SAME_STEP, or if its episodes never end."""
+        """Wrap the vector environment ``env``. Raises ``ValueError`` if its autoreset mode is not SAME_STEP, or if its
+        episodes never end.
+        """
         if env.autoreset_mode is not AutoresetMode.SAME_STEP:
             raise ValueError(
                 f"autoreset mode {env.autoreset_mode.name} does not fit Stable-Baselines3; allowed: "

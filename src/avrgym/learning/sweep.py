@@ -34,9 +34,9 @@ from avrgym.system.locks import lock_folder
 
 SWEEP_FILE = "sweep.toml"
 RAY_TUNE_FOLDER = "schedule"
-"""Folder with Ray Tune's state. It has a subfolder for each group of training runs."""
+"""Name of the folder with Ray Tune's state. It has a subfolder for each group of training runs."""
 MISSING_REWARD = -1e9
-"""Value of the mean reward for Ray Tune before the first episode ends."""
+"""Mean reward that Ray Tune receives before the first episode ends."""
 
 SweepReporter = Callable[[str, int], None]
 """Function that is called with the name of a training run and its number of environment steps."""
@@ -45,7 +45,9 @@ _report: ContextVar[SweepReporter] = ContextVar("_report")
 
 @dataclass(frozen=True)
 class SweepResult:
-    """The result of a training run. ``reward_mean`` and ``success_rate`` are None if the run was stopped early."""
+    """The result of a training run. ``outcome`` is "complete" or "stopped early". ``reward_mean`` and ``success_rate``
+    are None if the run was stopped early. ``policy`` is the path of the policy file.
+    """
 
     env: str
     people: str
@@ -163,7 +165,7 @@ def _scheduler(stopping: EarlyStopping | None, steps: int) -> Any:
 
 
 class _Listener(tune.Callback):
-    """Reports the progress of each training run."""
+    """Reports the name and the number of environment steps of each training run."""
 
     def on_trial_result(self, iteration: int, trials: Any, trial: Any, result: Any, **info: Any) -> None:
         _report.get()(Path(trial.config["training"]["folder"]).name, int(result["steps"]))

@@ -70,7 +70,7 @@ STORED_RESULT_NAMES = ("episodes", "success_rate", "reward_mean", "reward_std", 
 MAX_CURVE_POINTS = 100
 """Maximum number of points of the learning curve in a policy file."""
 ASSUMED_BYTES_PER_WORLD = 4 << 20
-"""Assumed memory of a world and its share of a rollout. The PR2 with 64 spheres of water needs 2.7 MB."""
+"""Assumed memory in bytes of a world and its part of a rollout. The largest scenes need less."""
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _check_unused(out: Path) -> None:
 
 
 def _lengthened(configuration: AnyConfiguration, steps: int, out: Path) -> AnyConfiguration:
-    """Returns the configuration with another total number of steps."""
+    """Returns the configuration with the total number of environment steps ``steps``."""
     policy = out / POLICY_FILE
     done = Policy.load(policy).metadata.steps if policy.exists() else 0
     if isinstance(configuration, FeedforwardConfiguration) and steps <= done:
@@ -290,7 +290,7 @@ class _Trainer:
         return bool(Policy.load(self._out / POLICY_FILE).metadata.measured)
 
     def _save(self) -> None:
-        """Write the checkpoint and the current policies."""
+        """Write the checkpoint and the current policies into the folder of the training run."""
         tensors, values = self._recipe.state()
         notes = {**values, "curve": self._curve, "seconds": self._seconds}
         buffer = io.BytesIO()
@@ -322,8 +322,9 @@ class _Trainer:
             policy.save(self._out / name, overwrite=True)
 
     def _evaluate(self) -> Policy:
-        """Evaluate the policy with each candidate of action_std. Writes and returns the policy with the highest success
-        rate."""
+        """Evaluate the policy with each candidate for the action standard deviation. Writes and returns the policy with
+        the highest success rate.
+        """
         robot, *humans = self._policies()
         evaluated: list[Policy] = []
         stds = self._recipe.final_action_stds
@@ -373,7 +374,7 @@ class _Trainer:
 
 
 def with_metadata(policy: Policy, **changes: Any) -> Policy:
-    """Returns the policy with changed metadata."""
+    """Returns a copy of the policy; ``changes`` are new values of metadata fields."""
     return replace(policy, metadata=msgspec.structs.replace(policy.metadata, **changes))
 
 

@@ -35,7 +35,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import task_and_scene
 
 TEACHER_FILE = "teacher.safetensors"
-"""Copy of the teacher in the folder of a training run."""
+"""Name of the teacher's copy in the folder of a training run."""
 MEASURED_ENTRIES = ("tool_from_torso_m", "tool_rotation", "arm_angles_rad")
 """Names of the observation's entries that are computed from the joint angles of the arm."""
 
@@ -51,7 +51,7 @@ def load_teacher(configuration: VisualConfiguration) -> Policy:
     """Load and return the teacher of a training run.
 
     Raises:
-        ValueError: for a policy that cannot be a teacher, or a camera that the robot does not have.
+        ValueError: for a policy that cannot be a teacher, or if the robot does not have the camera.
     """
     camera_of(configuration)
     teacher = registry.resolve_policy(
@@ -186,7 +186,7 @@ class VisualRecipe:
         return self._worlds
 
     def _image(self, worlds: Episodes) -> NumpyArray:
-        """Render the worlds. Returns the input of the network (N, H, W, C) in half precision."""
+        """Render the camera images of all worlds. Returns the input of the network (N, H, W, C) in half precision."""
         (camera,) = self._cameras
         images = worlds.images(self._cameras)
         return vision_input({kind: images[f"{camera.name}_{kind}"] for kind in camera.kinds}).astype(

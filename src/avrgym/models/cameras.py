@@ -27,7 +27,9 @@ MIN_IMAGE_SIZE_PX, MAX_IMAGE_SIZE_PX = (64, 64), (640, 480)
 MAX_IMAGE_DEPTH_M = 10.0
 """Maximum depth in depth images. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
-"""Labels of a segmentation, by number. A garment has the label ``tool``; floor and sky are background."""
+"""Labels of a segmentation image; the index of a label is its pixel value. A garment has the label ``tool``; floor and
+sky are background.
+"""
 STATE_ENTRY, COMMAND_ENTRY = "state", "command"
 """Names of the entries without images in dictionary observations."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
@@ -35,12 +37,12 @@ AnyObservation = FloatArray | dict[str, NumpyArray]
 SCENE_CAMERA_FOVY_DEG = 45.0
 """Vertical field of view of the camera ``scene``."""
 WRIST_CAMERA_FOVY_DEG = 58.0
-"""Vertical field of view of the wrist camera: that of an Intel RealSense D435 (data sheet: 87° × 58°)."""
+"""Vertical field of view of the wrist camera, as of an Intel RealSense D435 (data sheet: 87° × 58°)."""
 WRIST_CAMERA_OFFSET_M = np.array([-0.05, 0.0, 0.10])
 """Position of the wrist camera relative to the tool's grip, in the tool's frame: behind the grip and above the
 fingers."""
 WRIST_CAMERA_TARGET_M = np.array([0.40, 0.0, 0.0])
-"""Point on the optical axis of the wrist camera, in the tool's frame: in front of the working point."""
+"""Point on the optical axis of the wrist camera, in the tool's frame: in front of the tool centre point."""
 _FLOOR_RGBA = [0.72, 0.71, 0.68, 1.0]
 
 
@@ -48,14 +50,15 @@ ImageDtype = np.uint8 | np.float32 | np.int32
 
 
 class CameraSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A camera whose images are part of observations.
+    """A camera that adds images to observations.
 
     Attributes:
         name: ``wrist``, ``scene``, or another camera of the robot.
         width_px, height_px: size of its images, 64 × 64 to 640 × 480.
-        kinds: one or more of ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32 in metres along the optical axis, at
-            most ``MAX_IMAGE_DEPTH_M``, and ``segmentation`` (H, W) int32, see ``SEGMENTATION_LABELS``.
-        fovy_deg: vertical field of view; by default that of the real camera.
+        kinds: one or more of ``rgb`` (H, W, 3) uint8, ``depth`` (H, W) float32, and ``segmentation`` (H, W) int32.
+            Depth is in metres along the optical axis, at most ``MAX_IMAGE_DEPTH_M``. ``SEGMENTATION_LABELS`` lists the
+            labels of segmentations.
+        fovy_deg: vertical field of view in degrees; by default that of the camera in the scene.
 
     Raises:
         ValueError: for a value that is not allowed.
@@ -189,7 +192,9 @@ def add_cameras(
 
 
 def add_wrist_camera(spec: mujoco.MjSpec, scene: SceneConfig, fovy_deg: float | None = None) -> None:
-    """Add the wrist camera to the model of a scene. ``fovy_deg``: vertical field of view; default: the real one."""
+    """Add the wrist camera to the model of a scene. ``fovy_deg`` is the vertical field of view in degrees, by default
+    ``WRIST_CAMERA_FOVY_DEG``.
+    """
     pos = scene.tool.grip_pos + WRIST_CAMERA_OFFSET_M
     spec.body(SCENE_TOOL_BODY).add_camera(
         name=WRIST_CAMERA,

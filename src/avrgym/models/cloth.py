@@ -30,7 +30,7 @@ class Cloth:
         damping_s: Rayleigh damping, in seconds.
         contact_radius_m: distance from the triangles at which contacts begin.
         friction: sliding friction on skin.
-        rgb: colour.
+        rgb: colour: red, green and blue, 0 to 1.
     """
 
     name: str
@@ -56,7 +56,7 @@ ATTACHMENT_TIME_CONSTANT_S = 0.02
 """Time constant of the constraints between attached vertices and the tool."""
 _STRETCH_AND_BEND = 3
 _NARROW_INERTIA_M2 = 1e-4
-"""Rotational inertia of a vertex divided by its mass. Vertices do not rotate, but MuJoCo requires an inertia."""
+"""Rotational inertia of a vertex divided by its mass, in m². Vertices do not rotate, but MuJoCo requires an inertia."""
 
 
 def add_attachment_sites(body: mujoco.MjsBody, cloth: Cloth) -> None:

@@ -12,7 +12,7 @@ _PERSON, _ROBOT, _TOOL, _PARTICLE, _FURNITURE, _HULL = 1, 2, 4, 8, 16, 32
 class CollisionBits:
     """Collision bits of a geom.
 
-    Two geoms collide if the ``contype`` of one geom has a bit in common with the ``conaffinity`` of the other geom.
+    Two geoms collide if ``contype`` of one geom and ``conaffinity`` of the other geom share a bit.
     """
 
     contype: int
@@ -27,4 +27,4 @@ PARTICLE = CollisionBits(_PARTICLE, _PERSON | _TOOL | _PARTICLE | _FURNITURE)
 FURNITURE = CollisionBits(_FURNITURE, _ROBOT | _TOOL)
 CLOTH = CollisionBits(0, _PERSON)
 NO_COLLISION = CollisionBits(0, 0)
-"""Bits of geoms that never collide. Such geoms reserve space that people's initial poses must avoid."""
+"""Bits of geoms that never collide, but reserve space. People's initial poses avoid this space."""

@@ -1,4 +1,4 @@
-"""Colours of geoms and skins as MuJoCo renders them: their own colour, or that of their material."""
+"""Colours of geoms and skins as MuJoCo renders them: the colour of the geom or skin, or of its material."""
 
 import mujoco
 import numpy as np

@@ -1,12 +1,12 @@
 """Compliance of contacts with the person, and torque limits. Together they bound the contact forces.
 
-Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a motor of 24 N m can
-apply thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the
-bodies. The compliance of the person's body bounds the force at a contact point:
+Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a small torque can apply
+thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the bodies. A
+compliant body of the person therefore bounds the force at each contact point:
 
 - At rest the person is a softening spring. Its stiffness at first touch is 25 N/mm. The force is 21 N at 1 mm, 50 N at
-  4 mm, 68 N at 1 cm, and ``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. ISO/TS 15066 has springs of 10 to
-  150 N/mm, and 110 to 220 N as pain limits.
+  4 mm, 68 N at 1 cm, and ``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. For comparison, ISO/TS 15066 has springs
+  of 10 to 150 N/mm and pain limits of 110 to 220 N.
 - An impact adds at most ``impact_force_n``. With inverse mass A at the contact and compliance R of the contact, the
   additional force is b v / (A + R). Bodies with energy E approach with v ≤ √(2 E A). The maximum is therefore
   b √(2 E) / (2 √R), at A = R. For n contacts, the same value bounds the root of the sum of squares. All joints at full
@@ -36,8 +36,8 @@ class ContactCompliance:
     """MuJoCo's parameters of a compliant contact.
 
     The impedance decreases from ``impedance_start`` at first touch to ``impedance_end`` at depth ``impedance_width_m``.
-    It is a power law on both sides of ``impedance_midpoint`` (a share of the width). See "Impedance" under "Solver
-    parameters" in MuJoCo's documentation.
+    The transition is a power law on both sides of ``impedance_midpoint`` (a share of the width). See "Impedance" under
+    "Solver parameters" in MuJoCo's documentation.
     """
 
     stiffness_per_s2: float
@@ -80,18 +80,19 @@ WASHCLOTH_PAD = ContactCompliance(
     impedance_end=0.30,
     impedance_width_m=0.03,
 )
-"""Contact parameters of the washcloth's pad. With its low friction, MuJoCo's contact is 20 times stiffer: 15 N/mm at
-first touch and 70 N at most. The springs of the washcloth are much softer."""
+"""Contact parameters of the washcloth's pad. The friction of the pad is low, which makes MuJoCo's contact 20 times
+stiffer: 15 N/mm at first touch and 70 N at most. The springs of the washcloth are much softer.
+"""
 PERSON_INVERSE_MASS_PER_KG = 3.2
-"""Inverse mass of the person's body at a contact, 1/kg. The robot's own inverse mass adds to the compliance."""
+"""Inverse mass of the person's body at a contact, 1/kg. The inverse mass of the robot increases the compliance further.
+"""
 MAX_CONTACT_DEPTH_M = 0.05
 """Maximum penetration depth of the softening spring; at larger depths it becomes stiffer. Only an arm at full speed
 against a fixed person reaches this depth."""
 TREMOR_STRENGTH_SHARE = 1 / 3
-"""Share of their strength that people with tremor use (assumption). The resulting tremor is ±6° at the shoulder and
-±17° at the head; with full strength it would be ±7° and ±20°."""
+"""Share of their strength that people with tremor use (assumption). It reduces the tremor only slightly."""
 _DOMINANT_MIX = 1e6
-"""MuJoCo's ``solmix`` of a geom whose parameters determine the contact."""
+"""MuJoCo's ``solmix`` of a geom that determines the contact parameters."""
 
 
 def contact_force_n(depth_m: FloatArray) -> FloatArray:
@@ -125,7 +126,7 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
     Args:
         spec: the scene.
         arm: the moving arm.
-        tool: the tool in its hand.
+        tool: the tool in the hand of this arm.
         lead_rad: maximum distance between servo target and joint position, in ``kinematics.joint_units``.
     """
     if tool.hull is not None:
@@ -167,7 +168,7 @@ def effective_effort_limit(arm: Arm, lead: FloatArray | float) -> FloatArray:
 
 
 def person_torque_limit_n_m(strength_n_m: FloatArray, tremor_rad: FloatArray) -> FloatArray:
-    """Returns the torque limits of people's joints (N, 20). They are reduced for people with tremor."""
+    """Returns the torque limits (N, 20) of people's joints in N·m. They are reduced for people with tremor."""
     trembling = tremor_rad.any(axis=-1, keepdims=True)
     return np.where(trembling, TREMOR_STRENGTH_SHARE * strength_n_m, strength_n_m)
 

@@ -24,7 +24,9 @@ _FREE_BELOW_RIM_M = 0.02
 
 @dataclass(frozen=True)
 class CupShape:
-    """A cup: radii of rim and foot, and height. The origin of the tool's frame is the pouring edge of the rim."""
+    """Shape of a cup: radii of rim and foot, and height, in metres. The origin of the tool's frame is the pouring edge
+    of the rim.
+    """
 
     rim_radius_m: float
     foot_radius_m: float
@@ -69,7 +71,7 @@ def _packed(shape: CupShape, radius_m: float) -> FloatArray:
 
 
 def _layer(axis_x_m: float, z: float, reach_m: float, pitch: float, *, shifted: bool) -> list[FloatArray]:
-    """Returns the centres of a hexagonal layer around the cup's axis, sorted by distance from the axis."""
+    """Returns the sphere centres of one hexagonal layer at height ``z``, sorted by distance from the cup's axis."""
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(-9, 10), np.arange(-9, 10), indexing="ij"))
     x, y = pitch * (i + 0.5 * j), pitch * np.sqrt(0.75) * (j + (2.0 / 3.0 if shifted else 0.0))
     distance = np.hypot(x, y)
@@ -170,4 +172,4 @@ _OUTLINE = [
 """Points (radius, height) of the profile of the cup's visual mesh, with a rolled rim."""
 
 CUP = make_cup()
-"""The default cup."""
+"""The default cup, with ``WATER``."""

@@ -52,9 +52,9 @@ DRIVE_JOINTS = ("drive_x", "drive_y", "drive_yaw")
 DRIVE_SERVOS = ("drive_forward", "drive_sideways", "drive_turn")
 """Velocity servos of a mobile base, in the base's own frame. The sideways command is always 0."""
 DRIVE_SERVO_FREQUENCY_RAD_S = 100.0
-"""Damping of the drive's servos divided by the robot's mass or inertia. It is the highest value without oscillation at
-the force limit, with physics steps of 10 ms. Under a load of 10 N, a base of 25 kg drifts at 4 mm/s until it is
-braked."""
+"""Damping of the drive's servos divided by the robot's mass or inertia, 1/s. It is the highest value without
+oscillation at the force limit, with physics steps of 10 ms. Under a load, the base drifts slowly until it is braked.
+"""
 
 
 def add_drive(spec: mujoco.MjSpec, base: mujoco.MjsBody, drive: DifferentialDrive) -> None:

@@ -62,12 +62,15 @@ HEAD_SKIN_PARTS = ("face", "hair", "eye", "iris", "pupil", "teeth", "tongue")
 """Parts that are hidden in the participant's first-person view."""
 
 STORED_POSITION_RANGE_M, STORED_OPENING_RANGE_M, OPEN_MOUTH_SHARE = 1.2, 0.06, 0.7
-"""Ranges (m) of stored positions and of stored mouth displacements, then the share of the displacement for an open
-mouth."""
+"""Ranges of stored vertex positions and stored mouth displacements in metres. The third value is the share of the
+displacement for an open mouth.
+"""
 ARM_SEGMENTS = ("upper_arm", "forearm")
 """Arm segments that are scaled by ``Person.arm_scale``."""
 HEAD_STRETCH_SHARE = 0.5
-"""Stretch of the head above the mouth as a share of the torso's stretch. The head's collision sphere moves equally."""
+"""Stretch of the head above the mouth, divided by the stretch of the torso. The collision sphere of the head moves by
+the same distance.
+"""
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,7 @@ def _without_arms(shape: SkinMesh, person: Person) -> SkinMesh:
 
 
 def _girths(person: Person) -> Mapping[str, float]:
-    """Returns radii and breadths relative to the reference of the sex, by the name of the measure."""
+    """Returns radii and breadths divided by those of the sex's reference body, by name of the measure."""
     built, reference = (
         body_layout_of_people(People.from_persons([person])).proportions,
         PROPORTIONS[person.sex],

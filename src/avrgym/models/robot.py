@@ -1,4 +1,6 @@
-"""Descriptions of robots, and functions that build their MuJoCo models. The robots are in ``avrgym.robots``."""
+"""Descriptions of robots, and functions that build their MuJoCo models. The package ``avrgym.robots`` contains the
+robots.
+"""
 
 import inspect
 import re
@@ -37,7 +39,7 @@ FurnitureBuilder = Callable[[mujoco.MjSpec, bool], None]
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """A robot arm. ``arm_with_servo_gains`` creates one and computes stiffness and inertia.
+    """A robot arm. ``arm_with_servo_gains`` creates an arm, and computes its stiffness and inertia.
 
     Joints are hinges or slides; the model defines their types and ranges. The type determines the units: radians and
     N·m for hinges, metres and N for slides.
@@ -93,7 +95,7 @@ class BaseRange:
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """Pose of a robot's base next to a person.
+    """Pose of a robot's base next to a person, and the furniture that carries the base.
 
     Attributes:
         pos_w, yaw_rad: base pose, world frame. The person is at the origin and faces −y; their right is −x.
@@ -101,7 +103,7 @@ class Mount:
         carrier: function that adds the furniture to which the base is attached. ``None``: the robot is on the floor,
             and tasks may move it. A carrier with the keyword ``mirrored`` can also be on the person's left.
         carrier_body: body of the carrier that moves with the base.
-        left_yaw_rad: base yaw on the person's other side, for a robot whose arm extends to one side. ``None``: the
+        left_yaw_rad: base yaw on the person's other side, for a robot with an arm that extends sideways. ``None``: the
             mirrored yaw.
         left_pos_w: base position on the person's other side. ``None``: the mirrored position. A carrier then needs the
             keyword ``mount_m``, see ``add_bracket``.
@@ -121,7 +123,7 @@ class Mount:
         return self.carrier is None
 
     def mirrored(self) -> "Mount":
-        """Returns the mount mirrored to the person's left, or back to the right.
+        """Returns the mount on the person's other side, mirrored at the sagittal plane.
 
         Raises:
             UnsuitableRobotError: if the carrier cannot be mirrored.
@@ -161,7 +163,7 @@ class CameraMount:
         body: body of the robot's model.
         pos_m: position in the body's frame.
         forward, up: directions in the body's frame.
-        fovy_deg: vertical field of view.
+        fovy_deg: vertical field of view in degrees.
     """
 
     body: str
@@ -177,9 +179,10 @@ class Robot:
 
     Attributes:
         name: part of the environment ids.
-        build: returns the model of the robot alone. Geoms of group ``collision_bits.VISUAL_GROUP`` are visible and do
-            not collide; all other geoms collide and are not visible.
-        base: root body, placed by the mount.
+        build: function that returns the model of the robot without a scene. Argument: whether to add visual geoms.
+            Geoms of group ``collision_bits.VISUAL_GROUP`` are visible and do not collide; all other geoms collide and
+            are not visible.
+        base: root body; the mount determines its pose.
         torso: reference body of observations; the base for robots without a torso.
         arms: arms by side. A robot with one arm lists it for both sides.
         mounts: mounts by the location of the person.
@@ -272,7 +275,7 @@ def robot_spec(robot: Robot, arm: Arm, grip: Grip | None = None, *, appearance: 
 
     The servo integrates its command into a target angle within the joint's range. It behaves like a spring of
     ``stiffness`` with critical damping at the seed pose. Its torque is limited to that of the motor. MuJoCo's damping
-    ratio is not used, because it refers to joint angle zero. There the folded arm has a fifth of the inertia, and the
+    ratio is not used, because it refers to joint angle zero. At this angle the folded arm has less inertia, and the
     servo would overshoot.
     """
     spec = robot.build(appearance)
@@ -397,7 +400,9 @@ def _orientation(body: mujoco.MjsBody) -> FloatArray:
 
 
 MAX_JOINT_SPEED_RAD_S, MAX_SLIDE_SPEED_M_S = np.radians(48.0), 0.25
-"""Maximum joint speed of the Jaco, an assistive arm, and the reduced speed of ISO 10218-1:2011 for slides."""
+"""Speed limits of all arms. For hinges: the maximum joint speed of the Jaco, an assistive arm. For slides: the reduced
+speed of ISO 10218-1:2011.
+"""
 ARM_SERVO_FREQUENCY_RAD_S = 20.0
 """Natural frequency of a servo. The joint lags 0.1 s behind the servo target."""
 
@@ -492,7 +497,9 @@ BRAKE_TIME_CONSTANT_S = 0.04
 """Time constant of the brakes. The brakes halve the speed of all joints every 10 ms. The hand therefore stops along a
 straight line: within 2 cm from a speed of 1 m/s."""
 BRAKE_IMPEDANCE = 0.9999
-"""Impedance of a brake, the maximum in MuJoCo. The remaining share of the load moves the joint slowly."""
+"""Impedance of a brake, the maximum in MuJoCo. The brake therefore carries almost the whole load; the rest moves the
+joint slowly.
+"""
 
 
 def _shape_brakes(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:

@@ -25,8 +25,9 @@ CONTROL_STEP_S = 0.1
 DEFAULT_SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 """Number of physics steps in a default control step."""
 FLUID_SOLVER_TOLERANCE = 1e-3
-"""Solver tolerance for 64 water particles, with conjugate gradients and without islands and geom trees. A physics step
-takes 0.20 ms; with Newton's method it takes 0.45 ms. For food and without particles, Newton's method is faster."""
+"""Solver tolerance for 64 water particles, with conjugate gradients and without islands and geom trees. For water,
+conjugate gradients are faster than Newton's method. For food and without particles, Newton's method is faster.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +36,15 @@ class SceneConfig:
 
     Attributes:
         furniture: functions that add furniture, including the carrier of the mount.
-        movable_bodies: furniture bodies whose position differs between episodes.
+        movable_bodies: furniture bodies with a different position in each episode.
         posture: posture of the person.
-        robot, arm, tool, mount: the robot, its moving arm, the tool in the hand, and the pose of the base.
+        robot, arm, tool, mount: the robot, its moving arm, the tool in the arm's hand, and the pose of the robot's
+            base.
         control_step_s: duration of a control step.
         checks_reach: whether initial states are resampled if they are out of the arm's reach.
         body_mass_kg: mass of every person; ``None``: the mass of the person's body model.
-        self_collision: whether the robot's links collide with each other.
-        task_frame: frame in which mount and posture are given. Furniture is always in the world frame.
+        self_collision: whether the links of the robot collide with each other.
+        task_frame: frame of mount and posture. Furniture is always in the world frame.
         task_scene: the same scene in the task's frame, if this frame differs from the world frame.
     """
 
@@ -153,8 +155,9 @@ PERSON_CONTACT_SENSOR = "contacts_with_person"
 MAX_PERSON_CONTACTS = 96
 """Number of contacts between the person and all other bodies that the sensor reports, in scenes with cloth."""
 MAX_TOOL_CONTACTS = 6
-"""Number of contacts between tool and person that the sensor reports. In 12 800 steps of packaged policies, tools had
-at most 4 contacts."""
+"""Number of contacts between tool and person that the sensor reports. Tools have at most 4 contacts with packaged
+policies.
+"""
 END_EFFECTOR_VELOCITY_SENSOR = "end_effector_velocity"
 TOOL_VELOCITY_SENSOR = "tool_velocity"
 

@@ -18,8 +18,7 @@ FINGERTIPS_TO_GRIP_DISTANCE_M = 0.039
 def _build_scratcher(spec: mujoco.MjSpec, body: mujoco.MjsBody, appearance: bool) -> None:
     """Build one capsule; its round end is the tip.
 
-    The capsule has no friction. With a friction coefficient of 0.2, stick-slip vibration interrupted the contact in
-    every second physics step.
+    The capsule has no friction, because friction causes stick-slip vibration that interrupts the contact.
     """
     add_collision(
         body,

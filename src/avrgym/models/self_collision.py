@@ -13,8 +13,9 @@ from avrgym.system import random_streams
 NUM_POSE_SAMPLES = 1000
 """Number of sampled poses of the arm."""
 PERMANENT_CONTACT_SHARE = 0.9
-"""Minimum share of poses in which a pair of bodies touches permanently. The shapes of such a pair overlap, and its
-collisions are disabled."""
+"""Share of sampled poses. A pair of bodies that touches in more poses has overlapping shapes; its collisions are
+disabled.
+"""
 
 
 def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str) -> None:
@@ -88,7 +89,7 @@ def _ancestors(model: mujoco.MjModel, body: int) -> list[int]:
 def _touching(
     model: mujoco.MjModel, data: mujoco.MjData, places: list[int], pose: np.ndarray
 ) -> set[frozenset[str]]:
-    """Returns the pairs of bodies in contact at a pose of the arm, without contacts between a body and its parent."""
+    """Returns the pairs of bodies in contact at a pose of the arm. Pairs of a body and its parent are excluded."""
     data.qpos[places] = pose
     mujoco.mj_kinematics(model, data)
     mujoco.mj_collision(model, data)

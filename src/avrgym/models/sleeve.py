@@ -1,7 +1,7 @@
-"""The sleeve of a gown. A hoop with a gap and a handle keeps it open.
+"""The sleeve of a gown. A hoop with a gap and a handle holds the sleeve open.
 
 The origin of the tool's frame is the centre of the opening. The y axis points along the arm to the shoulder: the robot
-moves the sleeve in this direction. Hands hold the handle with the same grip as the washcloth.
+moves the sleeve in this direction. Robots hold the handle with the same grip as the washcloth.
 """
 
 from itertools import pairwise

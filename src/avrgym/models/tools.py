@@ -1,4 +1,4 @@
-"""Tools, and the particles on them.
+"""Tools of robots, with the food, water or cloth that they carry.
 
 The origin of a tool's frame is the tool centre point. Its x axis points away from the hand. Its z axis points up when
 the tool is level.
@@ -89,10 +89,11 @@ class Tool:
 
 
 _GRAIN = {"condim": 1, "friction": [0.6, 0.005, 0.0001]}
-"""Contact parameters of food. Pieces slide on each other, but not on tools, because tools have friction."""
+"""Contact parameters of food. Pieces slide on each other without friction, but not on tools."""
 _FLUID = {"condim": 1, "priority": 1, "solimp": [0.9, 0.9, 0.001, 0.5, 2.0]}
-"""Contact parameters of water: one constraint per contact, independent of the other surface. With the softer impedance,
-the solver needs a quarter fewer iterations."""
+"""Contact parameters of water: one constraint per contact, independent of the other surface. The soft impedance reduces
+the number of solver iterations.
+"""
 
 
 def add_particles(spec: mujoco.MjSpec, particles: Particles, appearance: bool) -> None:

@@ -24,8 +24,9 @@ from avrgym.models.geoms import add_material, add_visual
 CONTINUOUS_JOINT_RANGE_RAD = (-2.0 * np.pi, 2.0 * np.pi)
 """Range of continuous joints."""
 HINGE_ARMATURE_KG_M2, SLIDE_ARMATURE_KG = 0.05, 1.0
-"""Motor inertia of hinges, and motor mass of slides; URDF does not contain them. The value of hinges is that of the
-Jaco's wrist."""
+"""Motor inertia of hinges, and motor mass of slides; URDF does not contain them. The value for hinges is the armature
+of the Jaco's wrist.
+"""
 DEFAULT_MESH_RGB = (0.75, 0.75, 0.77)
 WORLD_LINK = "world"
 SUPPORTED_JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed")

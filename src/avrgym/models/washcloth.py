@@ -12,8 +12,9 @@ from avrgym.models.shapes import CrossSection, loft
 from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
-"""Half of 2 × 10 × 5 cm, along x, y and z of the tool's frame. Length and width are those of the reference; the
-thickness is an assumption."""
+"""Half the size of the pad (2 × 10 × 5 cm), along x, y and z of the tool's frame. Length and width are those of the
+reference; the thickness is an assumption.
+"""
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """Centre of the pad in the tool's frame. The frame's origin is the middle of the wiping face, and its x axis is the
 normal of this face."""
@@ -113,7 +114,7 @@ def _stripe(y: float) -> list[CrossSection]:
 
 
 def _ridge() -> list[CrossSection]:
-    """Returns the cross-sections of the ridge at the back of the cloth. It is thin between the fingers."""
+    """Returns the cross-sections of the ridge at the back of the cloth. It is thin where the fingers hold it."""
     outline = (
         (-0.002, 2.4, 1.06),
         (0.003, 1.2, 1.02),

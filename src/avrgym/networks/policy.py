@@ -59,11 +59,12 @@ class PolicyMetadata(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     """Metadata of a policy: its training run and its results.
 
     ``steps`` is the number of environment steps, ``seconds`` the duration of the training run. ``measured`` contains
-    results such as ``success_rate``. Each point of ``curve`` contains the number of environment steps, and mean reward
-    and success rate of the latest episodes. ``human`` is set for a trained human. ``plugins`` contains the versions of
-    task and robot if they are in other packages; old files do not contain it. ``force_guard`` is true if the force
-    guard was active in training. ``settings`` contains the fields of ``tasks.settings.Settings`` that differ from the
-    defaults. ``camera`` is the camera of a policy with vision, such as ``wrist:64x64:depth``.
+    results of the final evaluation, such as ``success_rate``. Each point of ``curve`` contains the number of
+    environment steps, and mean reward and success rate of the latest episodes. ``human`` is set for a trained human.
+    ``plugins`` contains the versions of task and robot if they are in other packages; old files do not contain it.
+    ``force_guard`` is true if the force guard was active in training. ``settings`` contains the fields of
+    ``tasks.settings.Settings`` that differ from the defaults. ``camera`` is the camera of a policy with vision, such as
+    ``wrist:64x64:depth``.
     """
 
     environment: str
@@ -199,7 +200,9 @@ class Policy:
 
     @property
     def observation_deviation(self) -> np.ndarray:
-        """Returns the standard deviations (O,) of observations in training. Observations are divided by them."""
+        """Returns the standard deviations (O,) of observations in training. The normaliser divides observations by
+        them.
+        """
         return np.sqrt(self.observation_variance + self.observation_epsilon)
 
     def normalise_observations(self, observations: np.ndarray) -> np.ndarray:
@@ -342,7 +345,7 @@ def _tensors(policy: Policy) -> dict[str, np.ndarray]:
 
 
 def _narrowed(array: np.ndarray) -> np.ndarray:
-    """Returns the array in single precision if that changes no value, otherwise the array itself."""
+    """Returns the array in single precision if the conversion is exact, otherwise the array itself."""
     with np.errstate(over="ignore"):
         single = array.astype(np.float32)
     return single if (single == array).all() else array

@@ -70,7 +70,7 @@ class VisionNetwork:
         return filled
 
     def tensors(self) -> dict[str, NumpyArray]:
-        """Returns all arrays by their names in a policy file."""
+        """Returns the arrays of the network by their names in a policy file."""
         found: dict[str, NumpyArray] = {
             "vision.strides": self.strides,
             "vision.estimated": self.estimated_indices,

@@ -25,7 +25,7 @@ class Boxes:
     half_size_m: FloatArray
 
     def in_frame(self, frame: TaskFrame) -> "Boxes":
-        """Returns the boxes, converted from the world frame to another frame."""
+        """Returns the boxes, converted from the world frame to the task's frame ``frame``."""
         return Boxes(
             frame.transform_points(self.pos_w),
             frame.transform_rotations(self.q_w, X_AXIS_INDEX),
@@ -86,10 +86,10 @@ def person_capsules(people: People, posture: Posture = SEATED) -> tuple[FloatArr
 
 
 def clearance(segments_w: FloatArray, radii_m: FloatArray, furniture: Boxes | None = None) -> FloatArray:
-    """Returns the smallest distance (N,) in metres of the right arm from the body or furniture; negative for an
-    overlap.
+    """Returns the smallest distance (N,) in metres between the right arm and the body or furniture. It is negative for
+    an overlap.
 
-    If an axis intersects another axis or a box, deeper overlaps do not decrease the distance further.
+    The distance stops decreasing when a capsule axis intersects another axis or a box.
 
     Args:
         segments_w: capsule axes (N, G, 2, 3), in the order of ``human.GEOMS``.

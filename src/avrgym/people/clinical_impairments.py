@@ -6,14 +6,15 @@ Values without a source are plausible assumptions.
 - *Spasticity*, modified Ashworth scale 1 to 3 (Bohannon and Smith, Phys. Ther. 67:206, 1987). The damping of the elbow
   increases with this scale (McCrea et al., J. Neurosci. Methods 128:121, 2003). The elbow resists a stretch at 100°/s
   with 0.5 to 4 N m (assumption). Many people with spastic paresis do not reach 120°/s or even 30°/s at shoulder and
-  elbow (Kim et al., J. Neurol. Phys. Ther. 29, 2005). These are the limits of speed.
+  elbow (Kim et al., J. Neurol. Phys. Ther. 29, 2005). These two speeds are the speed limits of arm joints at the lowest
+  and highest severity.
 - *Hemiparesis*: one arm is weak and slow. Its range of motion is reduced, in all segments alike (Beebe and Lang, Stroke
   40:1772, 2009). Peak torques of the affected arm are reduced at shoulder, elbow and wrist (McCrea et al., Muscle Nerve
-  28:46, 2003). The shares are assumptions. Head and trunk are unaffected.
+  28:46, 2003). The remaining shares of motion and torque are assumptions. Head and trunk are unaffected.
 - *Spinal cord injury*, complete, by neurological level. Key muscles (ISNCSCI: Rupp et al., Top. Spinal Cord Inj.
-  Rehabil. 27(2):1, 2021): C5 elbow flexors, C6 wrist extensors, C7 elbow extensors. At the level a key muscle has at
-  least grade 3, above it grade 5. The trunk and joints below the level have no voluntary control. The head is not
-  affected. People with C5 abduct the shoulder, flex it a little, and supinate.
+  Rehabil. 27(2):1, 2021): C5 elbow flexors, C6 wrist extensors, C7 elbow extensors. At the level of the injury, a key
+  muscle has at least grade 3 (of 5), above it grade 5. The trunk and joints below the level have no voluntary control.
+  The head is not affected. People with C5 abduct the shoulder, flex it a little, and supinate.
 - *Ataxia*: movements overshoot at all joints (Topka et al., Exp. Brain Res. 119:483, 1998), by 10 to 45 % of a step
   (assumption). Intention tremor is slower than 5 Hz and largest near the goal (Deuschl et al., Mov. Disord. 13(S3):2,
   1998). Amplitudes are assumptions.
@@ -33,7 +34,9 @@ from avrgym.people.impaired_motion import UNLIMITED_SPEED_RAD_S, MotorSigns, uni
 from avrgym.people.population_names import SEVERITIES, ImpairmentName
 
 SPASTIC_RESISTANCE_N_M, STRETCH_RAD_S = (0.5, 4.0), float(np.radians(100.0))
-"""Resistance of a spastic elbow to a stretch, and the speed of the stretch."""
+"""Resistance torques of a spastic elbow to a stretch, at the lowest and the highest severity. The last value is the
+speed of the stretch.
+"""
 SPASTIC_MOBILITY_RANGE = (1.0, 0.6)
 """Share of the commanded motion that spastic arms execute, at the lowest and the highest severity."""
 AFFECTED_SPEED_LIMIT_RANGE_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
@@ -79,7 +82,8 @@ _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     },
     {},  # C4
 )  # fmt: skip
-"""Controlled joints of each arm by level: mobility, then torque shares towards the lower and the upper limit.
+"""Controlled joints of each arm by level of the injury: mobility, then torque shares towards the lower and the upper
+joint limit.
 
 The elbow flexes towards its lower limit. Gravity extends it. Shares of the shoulder and all mobilities are assumptions.
 """
@@ -99,20 +103,24 @@ def sample_motor_signs(impairment: ImpairmentName, uniforms: FloatArray) -> Moto
 
 
 def _by_joint(share: FloatArray, low_high: tuple[float, float], factors: FloatArray) -> FloatArray:
-    """Returns values (n, 20): the interpolation between two values, multiplied by ``factors`` (20,)."""
+    """Returns values (n, 20) for all joints: the interpolation between ``low_high`` at ``share`` (n,), multiplied by
+    ``factors`` (20,).
+    """
     return interpolate(low_high, share)[:, None] * constant_like(factors, share)
 
 
 def _affected(
     share: FloatArray, low_high: tuple[float, float], joints: FloatArray, other: float
 ) -> FloatArray:
-    """Returns values (n, 20): interpolated for the joints of the mask (20,), ``other`` for other joints."""
+    """Returns values (n, 20): interpolated between ``low_high`` for the joints of the mask ``joints`` (20,), and
+    ``other`` for other joints.
+    """
     xp = namespace(share)
     return xp.where(constant_like(joints, share), interpolate(low_high, share)[:, None], other)
 
 
 def _by_part(severity: FloatArray, degrees: Mapping[str, tuple[float, float]]) -> FloatArray:
-    """Returns amplitudes (n, 20) in radians, by part of the body."""
+    """Returns amplitudes (n, 20) of the joints in radians, from the ranges of each body part in degrees."""
     limits = np.radians([degrees.get(joint.body, degrees["arm"]) for joint in JOINTS.values()]).T
     low, high = (constant_like(each, severity) for each in limits)
     return low + (high - low) * severity[:, None]
@@ -147,7 +155,7 @@ def _spinal_cord_injury(signs: MotorSigns, severity: FloatArray) -> MotorSigns:
 
 
 def _driven_joints(level: Mapping[str, tuple[float, float, float]]) -> FloatArray:
-    """Returns mobility and torque shares (20, 3) of a level."""
+    """Returns mobility and two torque shares of each joint, (20, 3), at a level of spinal cord injury."""
     passive = 0.0, PASSIVE_TORQUE_SHARE, PASSIVE_TORQUE_SHARE
     return np.array(
         [

@@ -1,8 +1,9 @@
 """Behaviour model of people who cooperate with the robot, like the study's participants (paper, section V).
 
 They perceive the tool with a reaction delay. In feeding and drinking they turn the face to the tool, and lean towards a
-tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway. The values
-are assumptions about unhurried adults: reaction 0.2 to 0.4 s, sway below 0.5 Hz. ``people.motor`` moves the joints.
+tool that is near. In scratching and bathing they lift the arm towards a tool that is near. They also sway. Reaction
+times of 0.2 to 0.4 s and sway below 0.5 Hz are assumptions about adults who do not hurry. ``people.motor`` moves the
+joints.
 """
 
 from collections.abc import Mapping
@@ -23,7 +24,7 @@ from avrgym.people.motor import MotorState
 OfferedBodyPart = Literal["mouth", "arm", "left_arm", "nothing"]
 """Body part that people move towards the tool. ``arm`` is the right arm.
 
-People hold the left arm still until they execute actions.
+``left_arm`` moves only by the actions of a trained human.
 """
 
 
@@ -68,7 +69,9 @@ MOUTH_APPROACH_DISTANCE_M, LEAN_RAD = 0.30, float(np.radians(10.0))
 ARM_APPROACH_DISTANCE_M, ARM_LIFT_ANGLE_RAD = 0.40, float(np.radians(8.0))
 MAX_HEAD_TURN_RAD = np.radians([30.0, 0.0, 40.0])
 SPEED_FACTOR_RANGE = (0.82, 1.18)
-"""Range of speed and acceleration, relative to the limits of ``people.motor``; as for cooperating zoo partners."""
+"""Range of the factor that multiplies the speed and acceleration limits of ``people.motor``. It is the same as for the
+zoo's style ``cooperating``.
+"""
 
 OFFERED_JOINTS: Mapping[OfferedBodyPart, tuple[str, ...]] = {
     "mouth": tuple(name for name, joint in JOINTS.items() if joint.body in ("torso", "head")),
@@ -111,7 +114,9 @@ class CooperationState:
 
 
 def initial_state(people: People, uniforms: FloatArray) -> CooperationState:
-    """Returns the initial state. Behaviour parameters are sampled from uniform numbers (n, ``NUM_UNIFORMS``)."""
+    """Returns the initial state of n people. Behaviour parameters are sampled from uniform random numbers (n,
+    ``NUM_UNIFORMS``).
+    """
     xp, count = namespace(uniforms), len(uniforms)
     low, high = REACTION_DELAY_RANGE_STEPS
     return CooperationState(
@@ -136,7 +141,7 @@ def choose_goal_angles(
     offered: OfferedBodyPart,
     posture: Posture,
 ) -> tuple[CooperationState, FloatArray]:
-    """Returns the next state and the people's goal joint angles (N, 20), given an observation of the tool.
+    """Returns the next state and the people's goal joint angles (N, 20) in radians, given an observation of the tool.
 
     ``goals_rad`` (N, 20) are the previous goals. Goals of joints that do not react to the tool do not change.
     """
@@ -181,8 +186,9 @@ def _mouth_goals(
     tool_w: FloatArray,
     posture: Posture,
 ) -> FloatArray:
-    """Returns the goal joint angles (N, 20) that turn the face to the tool. The waist leans towards a near tool in
-    front."""
+    """Returns the goal joint angles (N, 20) that turn the face to the tool. If the tool is near and in front, the waist
+    leans towards it.
+    """
     xp, most, head = namespace(tool_w), constant_like(MAX_HEAD_TURN_RAD, tool_w), constant_like(_HEAD, tool_w)
     visible = xp.isfinite(tool_w).all(axis=-1)
     offset = xp.where(visible[:, None], tool_w, observation.mouth_pos_w) - observation.head_pos_w

@@ -43,7 +43,7 @@ JointRanges = Mapping[str, tuple[float, float]]
 
 @dataclass(frozen=True)
 class PeopleDistribution:
-    """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and bodies.
+    """A distribution of people: ranges of torso height (metres) and waist angles (± degrees), behaviour and body sizes.
 
     People move if ``cooperating`` is true or if ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``joint_ranges_by_task`` contains ranges of initial joint
@@ -67,7 +67,9 @@ class PeopleDistribution:
         return self.cooperating or self.partners is not None
 
     def pose_for_task(self, task: str, default: "Pose") -> "Pose":
-        """Returns the initial pose in a task: the pose ``default`` of the task, changed by ``joint_ranges_by_task``."""
+        """Returns the distribution of initial poses in a task: the task's distribution ``default``, changed by
+        ``joint_ranges_by_task``.
+        """
         rest_rad, spread_rad = default.rest_rad.copy(), default.spread_rad.copy()
         for joint, (low_deg, high_deg) in self.joint_ranges_by_task.get(task, {}).items():
             rest_rad[JOINT_INDEX[joint]] = np.radians(0.5 * (low_deg + high_deg))
@@ -97,7 +99,7 @@ NAMED_DISTRIBUTIONS: Mapping[str, PeopleDistribution] = _NAMED | {
 }
 """All named distributions.
 
-They include single styles of the zoo, such as ``zoo/train/startled``, and versions of the motion, such as
+They include single styles of the zoo, such as ``zoo/train/startled``, and versions of the motion model, such as
 ``participants@1``. Names without a version use the newest version.
 """
 
@@ -105,7 +107,7 @@ MIN_ARM_CLEARANCE_M = 0.01
 """Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
 
 ARMREST_HALF_GAP_M, ARMREST_ABDUCTION_RAD = 0.248, float(np.radians(30.0))
-"""Half the distance between the wheelchair's armrests, with their padding.
+"""Half the distance between the padded armrests of the wheelchair.
 
 The second value is the abduction of arms that lie on the armrests.
 """
@@ -131,7 +133,8 @@ class Pose:
 
 
 def find_distribution(name_or_path: str, tasks: Collection[str]) -> PeopleDistribution:
-    """Returns the distribution with this name, or of this people file. A file may contain poses for any of ``tasks``.
+    """Returns the distribution with this name, or the one in this people file. A file may contain poses for any of
+    ``tasks``.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -215,7 +218,9 @@ def _on_armrests(people: People, poses: FloatArray, posture: Posture) -> FloatAr
 def _resample_crowded_poses(
     people: People, poses: FloatArray, posture: Posture, furniture: Boxes | None
 ) -> People:
-    """Returns the people in the first allowed pose of (n, ``MAX_POSE_ATTEMPTS``, 20), see ``sample_people``."""
+    """Returns the people in their first allowed pose out of ``poses`` (n, ``MAX_POSE_ATTEMPTS``, 20), see
+    ``sample_people``.
+    """
     xp, angles = namespace(poses), float_copy(poses[:, 0])
     crowded = ~_has_room(people, posture, furniture)
     for attempt in range(1, MAX_POSE_ATTEMPTS):

@@ -18,20 +18,20 @@ UNLIMITED_SPEED_RAD_S = 1e3
 NATURAL_FREQUENCY_RAD_S = 2.0 * np.pi * 1.5
 """Natural frequency of ataxic joints (assumption).
 
-After a ramp they overshoot in proportion to its speed. Hypermetria increases with speed in the same way (Topka et al.,
-Exp. Brain Res. 119:483, 1998).
+After a goal that moved at constant speed, these joints overshoot in proportion to this speed. Hypermetria increases
+with speed in the same way (Topka et al., Exp. Brain Res. 119:483, 1998).
 """
 GOAL_MOTION_DECAY_S, HALF_TREMOR_MOTION_RAD, HALF_TREMOR_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
 """Parameters of the intention tremor (assumptions).
 
-The amplitude is at least half of its maximum if the goal moved by more than 5° in the last second. It is halved while
-the target moves at 0.2 rad/s.
+The amplitude exceeds half of its maximum if the goal moved by more than 5° in the last second. It is halved while the
+target moves at 0.2 rad/s.
 """
 DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)
 """Dyskinesia is a sum of three sinusoids.
 
-It is slower than 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196, 2000: 1 to 3 Hz), and slower than
-voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and weights are assumptions.
+Its frequencies are below 3 Hz (Manson et al., J. Neurol. Neurosurg. Psychiatry 68:196, 2000: 1 to 3 Hz), and below
+those of voluntary motion (Keijsers et al., Hum. Mov. Sci. 22:67, 2003). The frequencies and weights are assumptions.
 """
 AMPLITUDE_ONSET_S = 1.0
 """Time until dyskinesia reaches its full amplitude."""
@@ -73,7 +73,7 @@ class ImpairedMotionState:
         executed_angles_rad: executed joint angles without tremor and dyskinesia (N, 20).
         speed_rad_s: speeds of these angles (N, 20).
         goal_angles_rad: the previous goal angles (N, 20).
-        recent_goal_motion_rad: distance that the goal angles moved during about the last second (N, 20).
+        recent_goal_motion_rad: absolute motion of the goal angles during about the last second (N, 20).
         time_s: time since the start of the episode (N,).
     """
 
@@ -137,7 +137,7 @@ def step(
 def _follow(
     signs: MotorSigns, state: ImpairedMotionState, goal: FloatArray, step_s: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns executed angles and speeds (N, 20).
+    """Returns the executed joint angles and joint speeds after ``step_s``, (N, 20) each.
 
     Ataxic joints are second-order systems. Other joints reach the goal immediately, within their maximum speed.
     """
@@ -158,7 +158,9 @@ def _follow(
 def _intention_tremor_rad(
     signs: MotorSigns, state: ImpairedMotionState, goal_speed_rad_s: FloatArray
 ) -> FloatArray:
-    """Returns the intention tremor (N, 20). It grows when a movement slows down near its goal."""
+    """Returns the displacement of the joints by intention tremor (N, 20), radians. It grows when a movement slows down
+    near its goal.
+    """
     active = state.recent_goal_motion_rad / (state.recent_goal_motion_rad + HALF_TREMOR_MOTION_RAD)
     terminal = 1.0 / (1.0 + goal_speed_rad_s / HALF_TREMOR_SPEED_RAD_S)
     angle = 2.0 * np.pi * ((signs.tremor_hz * state.time_s)[:, None] + signs.oscillation_phase)
@@ -166,7 +168,9 @@ def _intention_tremor_rad(
 
 
 def _dyskinesia_rad(signs: MotorSigns, state: ImpairedMotionState) -> FloatArray:
-    """Returns the involuntary displacement (N, 20). Frequencies differ by up to ±20 % between joints."""
+    """Returns the displacement of the joints by dyskinesia (N, 20), radians. Frequencies differ by up to ±20 % between
+    joints.
+    """
     xp = namespace(signs.oscillation_phase)
     pace = 0.8 + 0.4 * signs.oscillation_phase
     wave = sum(

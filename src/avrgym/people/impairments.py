@@ -1,4 +1,6 @@
-"""Motor impairments of simulated people: those of Assistive Gym (Erickson et al., ICRA 2020), and clinical ones."""
+"""Motor impairments of simulated people: impairments of Assistive Gym (Erickson et al., ICRA 2020), and clinical
+impairments.
+"""
 
 from dataclasses import replace
 
@@ -23,12 +25,12 @@ Assistive Gym takes five physics steps (``frame_skip``). In each step the motor 
 twentieth (``motor_gains``).
 """
 TREMOR_AMPLITUDE_RATIO = _STEP_RESPONSE / (2.0 - _STEP_RESPONSE)
-"""Amplitude a of the joint divided by the amplitude of its alternating target, about 1/8.
+"""Amplitude a of the joint's motion divided by the amplitude of its alternating target, about 1/8.
 
 It is the solution of 2 a = ``_STEP_RESPONSE`` (target + a).
 """
 MAX_TREMOR_AMPLITUDE_RAD = TREMOR_AMPLITUDE_RATIO * MAX_TREMOR_TARGET_RAD
-"""Largest tremor amplitude: head ±2.5°, arms ±1.3°."""
+"""Maximum tremor amplitude of each joint (20,): head ±2.5°, arms ±1.3°."""
 
 
 def parse_impairment(name: str) -> ImpairmentName:
@@ -58,8 +60,8 @@ def apply_impairment(people: People, impairment: ImpairmentName, uniforms: Float
 
     - ``limits``: joint ranges are multiplied by a factor from U(0.5, 1), and the pose is clipped to them.
     - ``weakness``: joint torques are multiplied by a factor from U(0.25, 1).
-    - ``tremor``: amplitudes are sampled between 0 and ``MAX_TREMOR_AMPLITUDE_RAD``. A larger tremor that the person
-      already has does not change.
+    - ``tremor``: amplitudes are sampled between 0 and ``MAX_TREMOR_AMPLITUDE_RAD``. A larger tremor of the person does
+      not change.
     - Clinical impairments change torques by joint and direction, and damping, see ``people.clinical_impairments``.
     """
     if impairment == "limits":
@@ -82,7 +84,9 @@ def apply_impairment(people: People, impairment: ImpairmentName, uniforms: Float
 
 
 def limit_joint_ranges(people: People, share: FloatArray) -> People:
-    """Returns people whose joint ranges are a share (n,) of the full ranges. The pose is clipped to these ranges."""
+    """Returns people with joint ranges that are the share (n,) of the full ranges. The pose is clipped to these
+    ranges.
+    """
     limited = replace(people, range_share=share)
     return replace(limited, joint_angles_rad=clip_to_ranges(limited, people.joint_angles_rad))
 

@@ -7,10 +7,11 @@ Natick/TR-15/007, 2014). The tables below are percentiles and least-squares regr
 - sitting height: regression on stature, plus percentiles of the residual;
 - arm (shoulder-elbow plus radiale-stylion length): regression on stature and sitting height, plus its residual;
 - body mass index: uniform from 17 (moderate thinness) to 40 (obesity class III; WHO Technical Report Series 894, 2000).
-  It covers the range, not the prevalence. In ANSUR II the index does not correlate with stature (r = 0.00 and 0.06).
+  The distribution covers the range of the index, not its prevalence. In ANSUR II the index does not correlate with
+  stature (r = 0.00 and 0.06).
 
-Torso height is proportional to sitting height, and arm length to the measured arm, relative to their medians. Legs
-scale with the torso. Soldiers are younger than most people who need assistance. Old people are a few centimetres
+Relative to their medians, torso height is proportional to sitting height, and arm length to the measured arm length.
+Legs scale with the torso. Soldiers are younger than most people who need assistance. Old people are a few centimetres
 shorter, and bodies change shape with age.
 """
 
@@ -94,7 +95,9 @@ def sample_bodies(is_woman: BoolArray, first: FloatArray, second: FloatArray) ->
 def _of_sex(
     sex: Sex, for_stature: FloatArray, for_sitting: FloatArray, for_arm: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns torso heights, arm scales and statures (n,)."""
+    """Returns torso heights, arm scales and statures (n,) of people of one sex, sampled from uniform random numbers
+    (n,).
+    """
     survey = ANSUR_II[sex]
     stature = _quantile(survey.stature_percentiles_m, for_stature)
     base, slope = survey.sitting_height_regression

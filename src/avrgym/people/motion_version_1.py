@@ -1,8 +1,8 @@
 """Version 1 of the motion of simulated people, for comparison: joint targets change every 0.1 s.
 
-Populations with the suffix ``@1``, such as ``participants@1``, use this version. Targets of participants jump to the
-next pose. Targets of zoo partners are interpolated. They have limited acceleration, sway, chewing and alternating
-tremor.
+Populations with the suffix ``@1``, such as ``participants@1``, use this version. In cooperating populations, targets
+jump to the next pose. In the zoo, targets are interpolated with limited acceleration. They also contain sway, chewing
+and alternating tremor.
 """
 
 from dataclasses import replace
@@ -108,7 +108,9 @@ def _oscillation_rad(state: PartnerState) -> FloatArray:
 
 
 def _onset_share(state: PartnerState) -> FloatArray:
-    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It increases from 0 to 1."""
+    """Returns the amplitude (N,) of chewing and tremor as a share of the full amplitude. It increases from 0 to 1 in
+    the first second.
+    """
     return namespace(state.time_s).minimum(state.time_s / AMPLITUDE_ONSET_S, 1.0)
 
 

@@ -1,11 +1,12 @@
 """Motor model of simulated people: computes joint targets at 100 Hz from goal joint angles.
 
 Behaviour models choose goals at 10 Hz, from observations that are one reaction delay old. The equilibrium point of each
-joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint target follows it
-as a critically damped second-order system. Its speed is bell-shaped and never overshoots. It is never faster than the
-equilibrium point. Its acceleration never exceeds its limit, even if a movement reverses.
+joint moves to the goal at constant speed (Gribble et al., J. Neurophysiol. 79:1409, 1998). The joint target follows the
+equilibrium point as a critically damped second-order system. The target's speed is bell-shaped. The target never
+overshoots, and is never faster than the equilibrium point. Its acceleration never exceeds the limit, even if a movement
+reverses.
 
-Limits of unhurried people:
+Speed and acceleration limits of people who do not hurry:
 
 - head 1.2 rad/s and 8 rad/s². Walking and running people reach 1.6 rad/s. The acceleration is a quarter of that of
   running people at 3.2 Hz (Grossman et al., Exp. Brain Res. 70:470, 1988). In walking, hopping and running, heads turn
@@ -17,12 +18,12 @@ Limits of unhurried people:
   (J. Med. Eng. 2013:915428).
 
 Startled people turn the head with at most 3 rad/s and 30 rad/s². Vigorous head turns reach 13.6 rad/s at 2.6 Hz
-(Grossman et al.). Speeds of all joints of startled people are 2.5 times the usual ones.
+(Grossman et al.). All joints of startled people move 2.5 times faster.
 
 The joint targets also contain:
 
 - signal-dependent noise: the standard deviation of the speed is proportional to the speed (Harris and Wolpert, Nature
-  394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). Its share, 10 %, is our assumption;
+  394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). The factor of 10 % is our assumption;
 - sway of the waist and motion of the head with the jaw, with the amplitudes of the behaviour model;
 - physiological tremor of 8 to 12 Hz. Accelerations of outstretched hands peak at 0.0015 to 0.035 g, most often at 0.01
   g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g. The joint's
@@ -56,13 +57,13 @@ STARTLE_SPEED_FACTOR, STARTLE_ACCELERATION_FACTOR = 2.5, 3.75
 SPEED_NOISE_SHARE, SPEED_NOISE_HZ = 0.1, (0.7, 1.3, 2.1)
 """Standard deviation of the speed noise as a share of the speed, and frequencies of the noise."""
 NOISE_FREE_SPEED_SHARE = 1.0 / (1.0 + SPEED_NOISE_SHARE * math.sqrt(2.0 * len(SPEED_NOISE_HZ)))
-"""Speed without noise as a share of the speed limit. With the largest noise, the speed reaches the limit."""
+"""Speed without noise, divided by the speed limit. With the largest noise, the speed reaches the limit."""
 AMPLITUDE_ONSET_S = 1.0
 """Time until sway, jaw motion and tremor reach their full amplitude."""
 MAX_ONSET_RATE_PER_S = 1.875 / AMPLITUDE_ONSET_S
 PHYSIOLOGICAL_TREMOR_HZ, PHYSIOLOGICAL_TREMOR_G = (8.0, 12.0), (0.005, 0.035)
 FOREARM_LENGTH_M, GRAVITY_M_S2 = 0.3, 9.81
-"""Distance of the hand from the elbow, and gravitational acceleration."""
+"""Distance of the hand from the elbow in metres, and gravitational acceleration in m/s²."""
 DEFAULT_TREMOR_HZ = 5.0
 GOLDEN_RATIO_FRACTION = 0.6180339887498949
 """Fractional part of the golden ratio. Its multiples give evenly distributed phases (Weyl)."""
@@ -92,7 +93,7 @@ _WAIST_X, _WAIST_Y, _HEAD_X = (JOINT_INDEX[name] for name in ("waist_x", "waist_
 _PHYSIOLOGICAL = np.array(
     [1.0 if name in ("head_x", "right_elbow_x", "left_elbow_x") else 0.0 for name in JOINTS]
 )
-"""Joints (20,) with physiological tremor."""
+"""Mask (20,) of the joints with physiological tremor: 1 with tremor, 0 without."""
 _NOISE_PHASE = (
     2.0
     * np.pi
@@ -124,12 +125,18 @@ class RhythmicMotion:
 class MotorState:
     """State of the motor model for N people.
 
-    Attributes: goal_rad: goal joint angles (N, 20). equilibrium_rad: equilibrium points (N, 20). filtered_rad,
-    angles_rad: outputs (N, 20) of two first-order filters in series. Their input is the equilibrium points.
-    max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20). filter_gain: share of the remaining
-    distance that a filter covers in 10 ms (N, 20). speed_factor: speed and acceleration relative to the limits (N,).
-    noise_phase_rad: phases of the noise (N, 3). rhythm_amplitude_rad, rhythm_hz, rhythm_phase_rad: amplitudes (N, W,
-    20), frequencies (N, W) and phases (N, W) of rhythmic motion. time_s: time since the start of the episode (N,).
+    Attributes:
+        goal_rad: goal joint angles (N, 20).
+        equilibrium_rad: equilibrium points (N, 20).
+        filtered_rad, angles_rad: outputs (N, 20) of two first-order filters in series. The input of the first filter is
+            the equilibrium points.
+        max_step_rad: largest motion of the equilibrium points in 10 ms (N, 20).
+        filter_gain: share of the remaining distance that a filter covers in 10 ms (N, 20).
+        speed_factor: factor (N,) that multiplies the limits of speed and acceleration.
+        noise_phase_rad: phases of the speed noise (N, 3).
+        rhythm_amplitude_rad, rhythm_hz, rhythm_phase_rad: amplitudes (N, W, 20), frequencies (N, W) and phases (N, W)
+            of W rhythmic motions.
+        time_s: time since the start of the episode (N,).
     """
 
     goal_rad: FloatArray
@@ -160,7 +167,7 @@ def sample_rhythms(
     jaw_hz: FloatArray,
     uniforms: FloatArray,
 ) -> RhythmicMotion:
-    """Returns rhythms with the given sway and jaw motion.
+    """Returns the rhythmic motion of N people with the given sway and jaw motion, arrays (N,).
 
     Physiological tremor is sampled from uniform numbers (N, 2).
     """
@@ -185,7 +192,7 @@ def initial_state(
 
     Args:
         people: N people.
-        rhythms: their rhythms; ``None``: no rhythmic motion except for the tremor in ``people``.
+        rhythms: their rhythmic motion. If it is ``None``, the tremor in ``people`` is the only rhythmic motion.
         speed_factor: speed and acceleration relative to the limits (N,).
         noise_uniforms: uniform numbers (N, 3) that determine the noise.
         tremor_hz: frequency of the tremor in ``people`` (N,).
@@ -223,7 +230,9 @@ def initial_state(
 
 
 def set_goal_angles(state: MotorState, goal_rad: FloatArray, startled: BoolArray | None = None) -> MotorState:
-    """Returns the state with new goals (N, 20). People in the mask ``startled`` (N,) move immediately and fast."""
+    """Returns the state with new goal joint angles (N, 20). People in the mask ``startled`` (N,) move with the speed
+    and acceleration of startled people.
+    """
     xp, speed = namespace(goal_rad), constant_like(MAX_JOINT_SPEED_RAD_S, goal_rad)
     factor, filter_gain = state.speed_factor, constant_like(_FOLLOW, goal_rad) + 0.0 * goal_rad
     if startled is not None:
@@ -239,7 +248,7 @@ def set_goal_angles(state: MotorState, goal_rad: FloatArray, startled: BoolArray
 
 
 def _noise(state: MotorState) -> FloatArray:
-    """Returns noise (N, 20) with variance 1 and frequencies below 3 Hz.
+    """Returns speed noise of the joints (N, 20) with variance 1 and frequencies below 3 Hz.
 
     It is a sum of sines with random phases (Shinozuka and Deodatis, Appl. Mech. Rev. 44:191, 1991).
     """
@@ -270,7 +279,7 @@ def advance_motor_state(state: MotorState) -> MotorState:
 def next_joint_targets_rad(state: MotorState, count: int) -> tuple[MotorState, FloatArray]:
     """Returns the state after ``count`` steps of 10 ms, and the joint targets (``count``, N, 20) after each step.
 
-    Targets contain movements, sway, motion with the jaw, and tremor.
+    Targets contain movements to goals, sway, head motion by chewing, and tremor.
     """
     states: list[MotorState] = []
     for _ in range(count):
@@ -288,13 +297,17 @@ def next_joint_targets_rad(state: MotorState, count: int) -> tuple[MotorState, F
 
 
 def _onset(time_s: FloatArray) -> FloatArray:
-    """Returns the amplitude of rhythms as a share of the full amplitude. It increases with minimum jerk."""
+    """Returns the amplitude (N,) of rhythmic motion as a share of the full amplitude. It increases from 0 to 1 with
+    minimum jerk.
+    """
     share = namespace(time_s).minimum(time_s / AMPLITUDE_ONSET_S, 1.0)
     return share * share * share * (10.0 + share * (6.0 * share - 15.0))
 
 
 def speed_limit_rad_s(state: MotorState, startled: BoolArray | None = None) -> FloatArray:
-    """Returns the largest speed (N, 20) of the joint targets: that of movements plus those of all rhythms."""
+    """Returns the maximum speed (N, 20) of the joint targets: the maximum speed of movements plus those of all rhythmic
+    motions.
+    """
     factor = (
         state.speed_factor
         if startled is None

@@ -1,7 +1,7 @@
 """People files: TOML files written by ``avrgym fit-people``. Users may edit them.
 
-They contain ranges of initial joint angles by task, in degrees. A joint without a range has the task's angle.
-They may also contain the behaviour of participants.
+They contain ranges of initial joint angles by task, in degrees. Without a range, a joint has the initial angle of the
+task. They may also contain behaviour parameters that were estimated from participants.
 """
 
 import tomllib
@@ -19,7 +19,7 @@ from avrgym.system.type_guards import is_array, is_table
 
 ValueRange = tuple[float, float]
 MeanAndDeviation = tuple[float, float]
-"""Mean and standard deviation."""
+"""Mean and standard deviation of a behaviour parameter of one participant."""
 
 
 class PeopleFileError(ValueError):
@@ -27,7 +27,9 @@ class PeopleFileError(ValueError):
 
 
 class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The study from which the ranges were estimated: its name, and the numbers of participants and trials."""
+    """The study from which the ranges of a people file were estimated: its name, and numbers of participants and
+    trials.
+    """
 
     study: str
     men: int
@@ -37,7 +39,7 @@ class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def participants(self) -> int:
-        """Number of participants."""
+        """Number of participants, men and women."""
         return self.men + self.women
 
 

@@ -18,7 +18,7 @@ ALLOWED_PEOPLE = (
 ImpairmentName = str
 """A name in ``IMPAIRMENTS``. A clinical impairment may have a severity: ``spasticity:severe``."""
 ASSISTIVE_GYM_IMPAIRMENTS: tuple[ImpairmentName, ...] = ("none", "limits", "weakness", "tremor")
-"""The impairments of Assistive Gym."""
+"""Names of the impairments of Assistive Gym (Erickson et al., ICRA 2020), and ``none``."""
 _DEGREES = ("mild", "moderate", "severe")
 SEVERITIES: Mapping[ImpairmentName, tuple[str, ...]] = {
     "spasticity": _DEGREES,

@@ -32,8 +32,8 @@ HUMAN_POLICY_FILE = "human.safetensors"
 class Population:
     """A population: a distribution of bodies and behaviour, a default impairment, and the policy of a trained human.
 
-    ``name`` is the name of the distribution or the path of the file. ``trained_policy`` is the policy that moves a
-    trained human.
+    ``name`` is the name of the distribution, or the path of a people file or policy file. ``trained_policy`` is the
+    policy that moves a trained human.
     """
 
     name: str
@@ -64,7 +64,8 @@ def population_label(name_or_path: str) -> str:
 
 
 def find_populations(name_or_path: str, tasks: Collection[str]) -> tuple[Population, ...]:
-    """Returns the populations for a value of ``--people``. A folder contains one for each trained human.
+    """Returns the populations for a value of ``--people``. For a folder, there is one population for each trained
+    human.
 
     Raises:
         ValueError: for an unknown name (the message lists the distributions), or for an invalid file.
@@ -130,7 +131,7 @@ class TrainedHumans:
         self._noise = [random_streams.trained_human_noise_generator(0.0)] * worlds
 
     def reset(self, ids: IntArray, humans: IntArray, uniforms: FloatArray) -> None:
-        """Start episodes in worlds ``ids`` (n,). ``humans`` (n,) are the indices of their policies.
+        """Start episodes in worlds ``ids`` (n,). ``humans`` (n,) are the indices of the policies in these worlds.
 
         ``uniforms`` (n,) are the seeds of the action noise.
         """
@@ -139,7 +140,9 @@ class TrainedHumans:
             self._noise[world] = random_streams.trained_human_noise_generator(uniform)
 
     def act(self, observations: FloatArray) -> FloatArray:
-        """Returns the actions (N, K) for observations (N, O)."""
+        """Returns the human's actions (N, K) for observations (N, O): joint speeds divided by their maximum, with
+        noise.
+        """
         actions = np.zeros((len(observations), self._trained[0].action_size))
         for number, policy in enumerate(self._trained):
             rows = np.nonzero(self._human == number)[0]

@@ -11,12 +11,12 @@ if the upper arm hangs down and the bent forearm points forwards. The order of r
 Lenarčič, J. Biomechanics 40(1), 2007.
 
 The coefficients could not be compared with the printed paper. Two checks support them. First, at f = 90° the axes of a
-and r coincide, and the formulas limit r − a to −100…10 for every a. Second, with the arm at the side the formulas agree
-with clinical tables: flexion 180°, extension 60°, external rotation 60–90°, internal rotation 70–90°. At 90° of
-abduction the formulas allow only 20° of internal rotation; clinics measure 70°.
+and r coincide. The formulas then limit r − a to −100…10 for every a. Second, with the arm at the side the formulas
+agree with clinical tables: flexion 180°, extension 60°, external rotation 60–90°, internal rotation 70–90°. At 90° of
+abduction the formulas allow only 20° of internal rotation; clinical tables list 70°.
 
-The limits apply to the angles, not to the posture. The same posture has a second set of angles, with a turned by 180°,
-which may violate the limits.
+The limits apply to the angles, not to the posture. The same posture has a second set of angles, in which a differs by
+180°. These angles may violate the limits.
 """
 
 import numpy as np

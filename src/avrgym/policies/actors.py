@@ -1,4 +1,6 @@
-"""Actors: policies in N worlds. An actor stores the memory state of a recurrent policy for each world."""
+"""Actors compute the actions of one policy in N worlds. An actor stores the memory state of a recurrent policy for each
+world.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -59,7 +61,7 @@ class DeviceActor:
     """
 
     def __init__(self, policy: Policy, example_array: Any) -> None:
-        """Convert the policy to the library, device and precision of the array ``example_array``."""
+        """Convert the parameters of the policy to the library, device and precision of ``example_array``."""
         self._mean = to_device_of(policy.observation_mean, example_array)
         self._deviation = to_device_of(policy.observation_deviation, example_array)
         self._clip = policy.observation_clip

@@ -19,7 +19,7 @@ class CartesianController:
     """Computes the actions for commanded velocities of the robot's hand, in the first world."""
 
     def __init__(self, simulation: Simulation) -> None:
-        """Read the arm's kinematic chain from the scene."""
+        """Read the kinematic chain of the arm from the scene of a simulation."""
         scene = simulation.scene
         joints = [robot.PREFIX + joint for joint in scene.arm.joints]
         ends = robot.PREFIX + scene.robot.base, robot.PREFIX + scene.arm.end_effector
@@ -28,8 +28,8 @@ class CartesianController:
         self._drives = scene.robot.drive is not None
 
     def action(self, linear: FloatArray, angular: FloatArray) -> FloatArray:
-        """Returns the action (A,) for a velocity of the hand. The action is scaled down to the speed limits of joints
-        and hand.
+        """Returns the action (A,) for a velocity of the hand. If necessary, the action is scaled down to the speed
+        limits of joints and hand.
 
         Args:
             linear: (3,) velocity of the hand's origin as a share of ``HAND_SPEED_LIMIT_M_S``, world frame; clipped to

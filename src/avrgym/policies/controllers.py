@@ -1,4 +1,4 @@
-"""Controllers from other packages and files, which map a robot's observations to actions."""
+"""Controllers from other packages and files. A controller maps the observations of one robot to actions."""
 
 import copy
 import importlib
@@ -36,7 +36,9 @@ class Controller(Protocol):
     """
 
     def reset(self, seed: int, environment: str) -> None:
-        """Start an episode of an environment, such as ``avrgym/FeedingJaco-v1``; the seed determines all randomness."""
+        """Start an episode of an environment, such as ``avrgym/FeedingJaco-v1``. The seed determines all random
+        numbers.
+        """
         ...
 
     def act(self, observation: Any) -> ArrayLike:
@@ -52,7 +54,7 @@ class ControllerError(RuntimeError):
 
 
 def _prepare_nothing() -> None:
-    """Does nothing."""
+    """Does nothing: the default of ``ExternalController.prepare``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,8 @@ class ExternalController:
     """A controller of another package or file. ``make`` creates an instance that shares no state with other instances.
 
     ``plugin`` is the installed version of the package; ``None`` for an ONNX file. ``cameras`` lists the cameras that
-    the controller needs. ``takes_commands``: the controller receives the participant's commands. ``prepare`` performs
-    slow loading; sessions call it before the first trial.
+    the controller needs. ``takes_commands``: whether the controller receives the participant's commands. ``prepare``
+    loads data that take long; sessions call it before the first trial.
     """
 
     name: str
@@ -117,8 +119,9 @@ def close_controller(controller: Controller) -> None:
 def import_python_controller(name: str) -> ExternalController:
     """Import and return the controller ``module:attribute``.
 
-    The attribute is a controller, a class or function that creates a controller, or a function that maps an observation
-    to an action. A controller object is copied for each use. Python also searches the current folder for the module.
+    The attribute is a controller, or a class or function that creates a controller. It may also be a function that maps
+    an observation to an action. A controller object is copied for each use. Python also searches the current folder for
+    the module.
 
     Raises:
         PolicyError: if the controller cannot be imported or created.
@@ -154,7 +157,7 @@ def _search_current_folder() -> None:
 
 
 def registered_controllers() -> dict[str, EntryPoint]:
-    """Returns the controllers that other packages register, by name. They are not imported."""
+    """Returns the entry points of controllers that other packages register, by name. Nothing is imported."""
     return {entry.name: entry for entry in plugins.entry_points_of(plugins.CONTROLLER_GROUP)}
 
 
@@ -179,7 +182,9 @@ def controller_plugin(name: str) -> UsedPlugin | None:
 
 
 def controller_import_errors() -> list[str]:
-    """Import all registered controllers. Returns an error message for each that cannot be imported or created."""
+    """Import all registered controllers. Returns an error message for each controller that cannot be imported or
+    created.
+    """
     reasons: list[str] = []
     for name in registered_controllers():
         try:
@@ -246,7 +251,7 @@ def _external(name: str, found: Any, plugin: UsedPlugin) -> ExternalController:
 
 
 def controller_error(error: BaseException) -> ControllerError:
-    """Convert an exception to a ``ControllerError``."""
+    """Returns a ``ControllerError`` of the kind ``exception`` with the text of ``error``."""
     return (
         error if isinstance(error, ControllerError) else ControllerError(f"exception: {_error_text(error)}")
     )

@@ -1,6 +1,6 @@
 """Pretrained policies of LeRobot as controllers: ``--policy lerobot:FOLDER``.
 
-The policy runs in a process of its own, see ``lerobot_worker``. LeRobot chooses the rate of the network: its
+The policy runs in a separate process, see ``lerobot_worker``. LeRobot chooses the rate of the network: its
 ``select_action`` returns an action in every control step, from a chunk of actions or from their temporal ensemble.
 """
 
@@ -32,7 +32,7 @@ from avrgym.tasks.observation import Observation, robot_measured_mask
 
 PREFIX = "lerobot:"
 LEROBOT_PYTHON_VARIABLE = "AVRGYM_LEROBOT_PYTHON"
-"""Environment variable with the path of the Python that has LeRobot. Default: the Python that runs AVR Gym."""
+"""Environment variable with the path of the Python that has LeRobot. By default, the Python of AVR Gym is used."""
 STATE, ENVIRONMENT_STATE, IMAGES = "observation.state", "observation.environment_state", "observation.images."
 """Names of the features in LeRobot: values that the robot measures itself, other values, and the prefix of images."""
 LOADING_TIMEOUT_S, ANSWER_TIMEOUT_S = 300.0, 10.0
@@ -40,10 +40,10 @@ CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
 
 
 def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
-    """Returns observations (..., O), divided into LeRobot's features, by the features' names.
+    """Splits observations (..., O) into LeRobot's features. Returns them by name.
 
-    ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` the others, both in the
-    order of the observation.
+    ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` all other entries. Both have
+    the order of the observation.
     """
     measured = robot_measured_mask(observation)
     parts = {STATE: values[..., measured], ENVIRONMENT_STATE: values[..., ~measured]}
@@ -56,10 +56,10 @@ def is_lerobot_policy(name: str) -> bool:
 
 
 def lerobot_weights_file(name: str) -> Path:
-    """Returns the file of weights of the policy ``lerobot:FOLDER``.
+    """Returns the path of the weights of the policy ``lerobot:FOLDER``.
 
     Raises:
-        PolicyError: if it is missing.
+        PolicyError: if the file is missing.
     """
     file = Path(name.removeprefix(PREFIX)) / WEIGHTS
     if not file.is_file():
@@ -68,8 +68,9 @@ def lerobot_weights_file(name: str) -> Path:
 
 
 def lerobot_policy_plugin(name: str) -> UsedPlugin:
-    """Returns the policy ``lerobot:FOLDER`` as a used plug-in with the hash of its files. Without files, the hash is
-    empty."""
+    """Returns the policy ``lerobot:FOLDER`` as a used plug-in with the hash of its files. If the files are missing, the
+    hash is empty.
+    """
     files = [
         *Path(name.removeprefix(PREFIX)).glob("*.json"),
         *Path(name.removeprefix(PREFIX)).glob("*.safetensors"),
@@ -141,7 +142,7 @@ def _features(name: str, folder: Path) -> tuple[dict[str, list[int]], dict[str, 
 
 
 class LeRobotController:
-    """A controller whose policy runs in another process. All controllers of a policy share the process."""
+    """A controller with a policy in another process. All controllers of a policy share the process."""
 
     _numbers = itertools.count()
 
@@ -177,7 +178,7 @@ class LeRobotController:
         ]
 
     def close(self) -> None:
-        """End the session. The process continues for the next episodes, until this program ends."""
+        """End the session of this controller. The process continues for other controllers, until this program ends."""
         with suppress(ControllerError):
             self._process.request({"session": self._session, "end": True})
 
@@ -186,7 +187,7 @@ class PolicyProcess:
     """The process of one policy. It ends with this program."""
 
     def __init__(self, command: list[str], environment: Mapping[str, str]) -> None:
-        """Store the command. ``environment``: additional environment variables."""
+        """Store the command that starts the process. ``environment`` contains additional environment variables."""
         self._command, self._environment = command, environment
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -195,7 +196,7 @@ class PolicyProcess:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process runs."""
+        """Whether the process of the policy is running."""
         return self._process is not None and self._process.poll() is None
 
     def start(self) -> None:
@@ -226,7 +227,7 @@ class PolicyProcess:
                 ) from error
 
     def request(self, request: Mapping[str, Any]) -> dict[str, Any]:
-        """Send a request. Returns the answer.
+        """Send a request to the process. Returns its answer.
 
         Raises:
             ControllerError: if the policy fails, does not answer, or its process has ended.
@@ -243,7 +244,7 @@ class PolicyProcess:
             return self._answer(ANSWER_TIMEOUT_S)
 
     def stop(self) -> None:
-        """End the process."""
+        """End the process of the policy, if it is running."""
         with self._lock:
             self._stop()
 
@@ -256,7 +257,7 @@ class PolicyProcess:
         self._process = self._errors = None
 
     def _answer(self, timeout_s: float) -> dict[str, Any]:
-        """Returns the next answer. Ends the process if there is none in time."""
+        """Returns the next answer of the process. Ends the process if no answer arrives within ``timeout_s``."""
         process = self._process
         assert process is not None
         assert process.stdout is not None
@@ -284,7 +285,9 @@ class PolicyProcess:
         return dict(answer)
 
     def _crash(self) -> ControllerError:
-        """Clean up after the process has ended by itself. Returns the error with the last line of its messages."""
+        """Clean up after an unexpected end of the process. Returns an error with the last line of the process's
+        messages.
+        """
         reason = self._last_error()
         self._stop()
         return ControllerError(f"exception: the process has ended ({reason})")
@@ -301,7 +304,7 @@ class PolicyProcess:
 
 @cache
 def _process(folder: str) -> PolicyProcess:
-    """Returns the process of the policy in a folder. All its controllers in this program share it."""
+    """Returns the process of the policy in ``folder``. All controllers of this policy share the process."""
     python = os.environ.get(LEROBOT_PYTHON_VARIABLE) or sys.executable
     worker = Path(__file__).with_name("lerobot_worker.py")
     options = ["-P"]  # the module avrgym.policies.lerobot must not replace the package lerobot

@@ -37,7 +37,7 @@ class PolicyServer:
     """A loaded policy with one copy per session. Copies share the weights, but not the queues of actions."""
 
     def __init__(self, folder: str) -> None:
-        """Load the policy in ``folder``, and compute one action, because the first one takes longest."""
+        """Load the policy in ``folder``, and compute one action, because the first computation takes longest."""
         config: Any = PreTrainedConfig.from_pretrained(folder)
         if hasattr(config, "pretrained_backbone_weights"):
             config.pretrained_backbone_weights = (
@@ -54,7 +54,7 @@ class PolicyServer:
         self.answer({"session": WARM_UP_SESSION, "end": True})
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Returns the answer to a request."""
+        """Returns the answer to a request; the table of this module lists both."""
         session = request.pop("session")
         if "seed" in request:
             self._start(session, request["seed"])

@@ -1,4 +1,4 @@
-"""Names that ``--policy`` accepts."""
+"""Names of policies that the option ``--policy`` accepts."""
 
 SCRIPTED_POLICIES = ("oracle", "random", "zero")
 OPERATOR_POLICY = "operator"

@@ -20,18 +20,19 @@ if TYPE_CHECKING:
 
 ONNX_SUFFIX = ".onnx"
 OPSET, IR_VERSION = 17, 8
-"""ONNX versions of the exported files. Programs of 2022 support them."""
+"""Operator set and format version of exported ONNX files. Programs since 2022 support them."""
 ONNX_DTYPES = {"tensor(float)": np.float32, "tensor(double)": np.float64}
 
 
 class OnnxController:
-    """A feed-forward network. Its input is the observation without normalisation; its output is the action.
+    """A feed-forward network of an ONNX file as controller. Its input is the observation without normalisation; its
+    output is the action.
 
     A second input ``command`` receives the participant's latest command, see ``safety.pacing.COMMAND_INPUT_ENTRIES``.
     """
 
     def __init__(self, session: Any) -> None:
-        """Use an ``onnxruntime.InferenceSession`` that ``load_onnx_controller`` has checked."""
+        """``session`` is an ``onnxruntime.InferenceSession`` that ``load_onnx_controller`` has checked."""
         self._session = session
         self._inputs = {
             COMMAND_ENTRY if tensor.name == COMMAND_ENTRY else STATE_ENTRY: (
@@ -116,7 +117,7 @@ def make_onnx_model(policy: Policy, rows: int | str | None = "N", *, double: boo
     """Returns an ONNX model of a policy: mean actions (``rows``, A), clipped to ±1, for observations (``rows``, O).
 
     The model contains the normalisation, but no exploration noise. If ``rows`` is a name, the number of rows is
-    variable. ``double`` selects double instead of single precision.
+    variable. ``double``: whether the inputs have double precision instead of single precision.
 
     Raises:
         PolicyError: for a recurrent policy, or a policy with vision.

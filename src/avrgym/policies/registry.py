@@ -50,7 +50,7 @@ AnyPolicy = RobotPolicy | HumanOperator
 
 
 def policy_names(environment_id: str) -> list[str]:
-    """Returns the names of an environment's policies: packaged, scripted, and registered controllers."""
+    """Returns the names of an environment's packaged policies, scripted policies and registered controllers."""
     return [*packaged_policies(environment_id), *SCRIPTED_POLICIES, *controllers.registered_controllers()]
 
 
@@ -82,14 +82,14 @@ def resolve_policy(
     Args:
         name: name of a packaged policy, a script or a registered controller; path of a ``.safetensors`` or ``.onnx``
             file; ``module:attribute``; or ``lerobot:FOLDER``.
-        environment_id: such as ``avrgym/FeedingJaco-v1``.
+        environment_id: environment id such as ``avrgym/FeedingJaco-v1``.
         settings: settings of the environment.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         allow_other_settings: whether to allow a policy that was trained with other settings.
 
     Raises:
-        PolicyError: for an unknown name (the message lists the allowed values). Also if the policy cannot be loaded,
-            or was trained for another environment, other settings or other sizes.
+        PolicyError: for an unknown name (the message lists the allowed values). Also if the policy cannot be loaded, or
+            was trained for another environment, other settings or other array sizes.
     """
     observation_size, action_size = observation_and_action_size(environment_id)
     if name in SCRIPTED_POLICIES:

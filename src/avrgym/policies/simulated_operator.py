@@ -1,8 +1,7 @@
-"""A simulated operator: delays the intended commands and adds noise, as a person does who teleoperates the robot.
+"""A simulated operator: delays the intended commands and adds noise, like a person who teleoperates the robot.
 
-The delay is that of reactions to seen events, about 0.2 s (Woods et al., Front. Hum. Neurosci. 9:131, 2015). The noise
-grows with the commanded speed (Harris and Wolpert, Nature 394, 1998), like that of simulated people, see
-``people.motor``.
+The delay is a visual reaction time of about 0.2 s (Woods et al., Front. Hum. Neurosci. 9:131, 2015). The noise grows
+with the commanded speed (Harris and Wolpert, Nature 394, 1998), see ``people.motor``.
 """
 
 from collections import deque
@@ -31,9 +30,9 @@ class SimulatedOperator:
         self._memory = float(np.exp(-1.0 / (NOISE_CORRELATION_S * control_hz)))
 
     def act(self, intended: FloatArray) -> FloatArray:
-        """Returns the commands (N, D) of a control step, given those that the operator intends in it (N, D).
+        """Returns the delayed and noisy commands (N, D) of a control step, given the intended commands (N, D).
 
-        Commands are speeds: of the joints, or of a hand. Their unit is that of ``intended``.
+        Commands are speeds of the joints, or of the robot's hand, in the unit of ``intended``.
         """
         self._intended.append(intended)
         fresh = np.array([each.standard_normal(intended.shape[1]) for each in self._generators], float)

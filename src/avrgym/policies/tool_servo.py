@@ -1,4 +1,6 @@
-"""Position control of the robot's tool by a hand-held controller: the tool repeats the controller's relative motion."""
+"""Position control of the robot's tool by a hand-held controller. The tool repeats the relative motion of the
+controller.
+"""
 
 import numpy as np
 
@@ -22,9 +24,9 @@ class ToolServo:
     """Computes the velocities of the robot's hand with which its tool follows a controller, in the first world.
 
     ``engage`` stores the current poses of tool and controller as reference poses (the clutch). The target pose of the
-    tool is its reference pose, moved like the controller since then. Translations are multiplied by a scale, rotations
-    are not. The pose of the tool is that of the servo targets. The tool therefore does not overshoot when its servos
-    lag behind.
+    tool is its reference pose, plus the motion of the controller since ``engage``. Translations are multiplied by a
+    scale, rotations are not. The pose of the tool is that of the servo targets. The tool therefore does not overshoot
+    when its servos lag behind.
     """
 
     def __init__(self, simulation: Simulation, chain: Chain) -> None:
@@ -73,5 +75,5 @@ class ToolServo:
 
 
 def _limited(vector: FloatArray, limit: float) -> FloatArray:
-    """Returns a vector (3,) shortened to a length."""
+    """Returns a vector (3,), shortened to the length ``limit`` if it is longer."""
     return vector * min(1.0, limit / max(float(np.linalg.norm(vector)), 1e-12))

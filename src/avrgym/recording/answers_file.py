@@ -12,7 +12,7 @@ ANSWERS_SUFFIX = ".answers.jsonl"
 
 
 class StoredAnswer(msgspec.Struct, frozen=True):
-    """One answer with its time stamp (ISO 8601, UTC)."""
+    """One answer to a questionnaire item, with its time stamp (ISO 8601, UTC)."""
 
     item: str
     value: int
@@ -29,7 +29,9 @@ def answers_path(recording: str | os.PathLike[str]) -> Path:
 
 
 def append_answer(recording: Path, answer: Answer) -> None:
-    """Append an answer to the file and sync the file to disk. Raises ``OSError`` if the file cannot be written."""
+    """Append an answer to the answers file of ``recording``, and sync the file to disk. Raises ``OSError`` if the file
+    cannot be written.
+    """
     at = datetime.now(UTC).isoformat(timespec="microseconds")
     stored = StoredAnswer(answer.item, answer.value, answer.response_time_s, at)
     with open(os.open(answers_path(recording), os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
@@ -39,12 +41,12 @@ def append_answer(recording: Path, answer: Answer) -> None:
 
 
 def read_answers(recording: str | os.PathLike[str]) -> list[Answer]:
-    """Returns all answers of the file in order. An incomplete last line is ignored."""
+    """Returns all answers in the answers file of a recording, in order. An incomplete last line is ignored."""
     return [Answer(each.item, each.value, each.response_time_s) for each in _lines(recording)]
 
 
 def answer_timestamps(recording: str | os.PathLike[str]) -> dict[str, str]:
-    """Returns the time stamp (ISO 8601, UTC) of the latest answer to each item of the file."""
+    """Returns the time stamp (ISO 8601, UTC) of the latest answer to each item, by item id."""
     return {each.item: each.answered_at for each in _lines(recording)}
 
 

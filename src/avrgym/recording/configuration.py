@@ -22,7 +22,7 @@ FORMAT_VERSION = 1
 
 
 class BodyModel(msgspec.Struct, frozen=True):
-    """The participant's body model."""
+    """Parameters of the participant's body model."""
 
     sex: Sex
     torso_height_m: Annotated[float, Meta(description="From the hip bone to the centre of the head.")]
@@ -31,7 +31,7 @@ class BodyModel(msgspec.Struct, frozen=True):
 
 
 class Versions(msgspec.Struct, frozen=True):
-    """Software versions. The recorded numbers depend on them."""
+    """Versions of AVR Gym and MuJoCo. The recorded numbers depend on them."""
 
     avrgym: str
     mujoco: str
@@ -41,7 +41,7 @@ class Versions(msgspec.Struct, frozen=True):
 
 
 class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A consent. A field is ``None`` if the study did not store it."""
+    """A participant's consent to the study. A field is ``None`` if the study did not store it."""
 
     decided_at: Annotated[str, Meta(description="Time of the consent: ISO 8601, UTC.")] = msgspec.field(
         name="at"
@@ -58,7 +58,7 @@ class RecordedConsent(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class TrackedPart(msgspec.Struct, frozen=True):
-    """The tracking quality of the head or a hand."""
+    """The tracking quality of the head or of one hand in the headset check."""
 
     modality: Annotated[
         str, Meta(description="`headset`, `controller`, `hand` (bare), `mouse`, `rests` or `none`.")

@@ -1,4 +1,4 @@
-"""Episodes of LeRobot datasets from recordings."""
+"""Converts recordings to episodes of LeRobot datasets."""
 
 from collections.abc import Mapping
 from typing import Any

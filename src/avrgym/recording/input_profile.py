@@ -24,7 +24,7 @@ POINTING_ARMS: Mapping[InputMethod, frozenset[Side]] = {
     "left-hand": frozenset({"left"}),
     "right-hand": frozenset({"right"}),
 }
-"""The arms with which a participant points, by input method. Other methods need no arm."""
+"""The arms with which a participant points, by input method. Methods that are not listed need no arm."""
 ALLOWED_STOP_INPUTS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "controllers": ("buttons", "palm", "gaze", "experimenter"),
     "hands": ("palm", "gaze", "experimenter"),
@@ -35,9 +35,11 @@ ALLOWED_STOP_INPUTS: Mapping[InputMethod, tuple[StopInput, ...]] = {
     "two-switches": ("switch", "gaze", "experimenter"),
     "experimenter": ("gaze", "experimenter"),
 }
-"""The stop inputs that each input method allows. The default is the first one, or with ``experimenter`` all of them."""
+"""The stop inputs that each input method allows. By default, the first input is used; with ``experimenter``, all
+inputs.
+"""
 SELECTION_TIME_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
-"""Minimum and maximum of durations in seconds, by field."""
+"""Minimum and maximum of the durations in an input profile, in seconds, by field."""
 MAX_KEY_NAME_LENGTH = 32
 """Maximum length of a key's name, such as ``Enter``."""
 
@@ -51,7 +53,8 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     controllers.
 
     Raises:
-        InputProfileError: for a value out of range, a profile without a stop input, or contradictory arms.
+        InputProfileError: for a value out of range, or a profile without a stop input. Also for an input method that
+            needs a resting or absent arm.
     """
 
     method: Annotated[InputMethod, Meta(description="How the participant selects.")] = "controllers"
@@ -106,14 +109,16 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def stop_inputs(self) -> tuple[StopInput, ...]:
-        """The participant's stop inputs. Keys, menu buttons and the experimenter can always stop the robot too."""
+        """The configured stop inputs of the participant. In addition, keys, menu buttons and the experimenter can
+        always stop the robot.
+        """
         possible = ALLOWED_STOP_INPUTS[self.method]
         default = possible if self.method == "experimenter" else possible[:1]
         return default if self.stops is None else self.stops
 
     @property
     def tracked_arms(self) -> tuple[Side, ...]:
-        """The arms that are tracked during a session. The other arms rest."""
+        """The arms that are tracked during a session. All other arms rest."""
         unusable = {*self.resting_arms, *self.absent_arms}
         return tuple(arm for arm in ARMS if arm in POINTING_ARMS.get(self.method, ()) and arm not in unusable)
 

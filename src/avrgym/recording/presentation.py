@@ -1,4 +1,4 @@
-"""Presentation preferences: how a participant reads and hears the texts of a session."""
+"""Presentation preferences: the size, position and contrast of texts, captions and reading aloud."""
 
 from typing import Annotated, Literal
 
@@ -12,7 +12,7 @@ ALLOWED_RANGES = {"text_deg": (1.0, 3.0), "panel_distance_m": (0.75, 2.0)}
 
 
 class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How texts and sounds are presented to a participant.
+    """Presentation of texts and sounds to a participant.
 
     ``text_deg`` determines the size of the whole panel in VR: at 1.5° the panel is 31° wide. On the page without a
     headset, it determines the font size in proportion.
@@ -48,7 +48,7 @@ class Presentation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 raise ValueError(f"{name} is {value:g}; allowed: {low:g} to {high:g}")
 
     def describe(self) -> str:
-        """Returns a description, in one line of English, of the preferences that differ from the defaults."""
+        """Returns a line of English text with the preferences that differ from the defaults."""
         default = Presentation()
         words = {
             "text_deg": f"text {self.text_deg:g}°",

@@ -28,7 +28,7 @@ class RecordingError(Exception):
 
 
 class RecordingHeader(NamedTuple):
-    """Configuration and start time of a recording."""
+    """The first records of a recording: configuration and start time (UTC)."""
 
     configuration: TrialConfiguration
     began_at: datetime
@@ -40,9 +40,9 @@ class Recording:
 
     Attributes:
         configuration: all parameters of the trial.
-        outcome: end and metrics of the attempt; ``None`` if the recording is truncated.
+        outcome: result and metrics of the attempt; ``None`` if the recording is truncated.
         messages: all messages (topic, log_time_ns, record), in the order in which they were written.
-        complete: whether the recording has an outcome and no data are missing.
+        complete: whether the recording has an outcome and contains all data.
         began_at: start of the trial, UTC.
         robot_outcome: the outcome at the end of the last control step; ``None`` if the robot did not finish.
     """

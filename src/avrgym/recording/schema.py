@@ -40,12 +40,12 @@ class Physics(Record, frozen=True):
 
 
 class TrackingFrame(Record, frozen=True):
-    """One XR frame as received. A pose without tracking is ``None``.
+    """One WebXR frame as the server received it. A pose without tracking is ``None``.
 
     ``moved_person``: the frame moved the person; otherwise a newer frame replaced it. ``rejected``: the frame was stale
     or invalid, and the person did not move. ``rejected_parts``: parts (``head``, ``left``, ``right``) that the frame
-    did not move, because their poses jumped, or were stale and the task needs them. ``untracked_parts``: parts with
-    poses that are missing or unchanged for 0.2 s. ``left_modality``, ``right_modality``: how a hand is tracked:
+    did not move. Their poses jumped, or the task needs them and their poses were stale. ``untracked_parts``: parts with
+    poses that are missing, or unchanged for 0.2 s. ``left_modality``, ``right_modality``: tracking method of a hand:
     ``controller``, ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
     """
 
@@ -64,7 +64,7 @@ class TrackingFrame(Record, frozen=True):
 
 
 class BodyTargets(Record, frozen=True):
-    """Joint targets of the person from the next physics step, in radians. Recorded when they change.
+    """Joint targets of the person in radians, valid from the next physics step. They are recorded when they change.
 
     The order is that of ``joints`` in the configuration.
     """
@@ -76,8 +76,8 @@ class Command(Record, frozen=True):
     """The robot's command at the start of control step ``step``. An interrupted step has no ``Control`` record.
 
     A slow driver or a human operator may change the command during the step. The phase ``retreat`` has no control
-    steps; there, the commands move the robot away from the person. ``brakes_on``: the action is zero, and the
-    brakes are on.
+    steps; there, the commands move the robot away from the person. ``brakes_on``: whether the brakes are on; the action
+    is then zero.
     """
 
     step: int
@@ -97,8 +97,8 @@ class Placement(Record, frozen=True):
 class Control(Record, frozen=True):
     """One control step of the robot. ``reward`` is the weighted sum of ``reward_terms``, which are not weighted.
 
-    ``driver``: name of the policy, ``operator`` or ``demonstrator``. ``idle``: the robot did not move at the end of the
-    step. Causes are: no command of the operator, a failed controller, or stale tracking.
+    ``driver``: name of the policy, ``operator`` or ``demonstrator``. ``idle``: whether the robot was stopped at the end
+    of the step. Possible causes are no command of the operator, a failed controller, and stale tracking.
     """
 
     step: int
@@ -114,7 +114,7 @@ class Control(Record, frozen=True):
 
 
 class Event(Record, frozen=True):
-    """An event, for example a lost connection."""
+    """An event of the session, for example a lost connection. ``detail`` contains further information."""
 
     name: str
     detail: str
@@ -124,7 +124,8 @@ class RobotCommand(Record, frozen=True):
     """A command from the participant to the robot, see ``avrgym.commands.vocabulary``.
 
     ``source``: input source, such as ``button`` or ``nod``. ``step``: number of finished control steps. ``had_effect``:
-    the pacing layer reacted. ``refusal_reason``: the reason why the command was ignored; empty if it was allowed.
+    whether the pacing layer reacted. ``refusal_reason``: the reason why the command was ignored; empty for an allowed
+    command.
     """
 
     name: str
@@ -168,10 +169,11 @@ class Latency(Record, frozen=True):
     """Latency of tracking frames from pose to displayed image by stage, in milliseconds. Each list has one entry per
     frame.
 
-    ``sequence``: numbers of the frames, each the newest in its state. ``sample_ms``: from pose to sending; ``up_ms``:
-    to arrival at the server; ``simulate_ms``: to the simulated state; ``send_ms``: to sending of the state;
-    ``down_ms``: to arrival at the client; ``draw_ms``: to the displayed image. The clocks of client and server are
-    synchronised: the fastest messages are assumed to take equal times in both directions.
+    ``sequence``: number of each frame, the newest frame in a displayed state. Each stage starts at the end of the
+    previous stage. The first stage starts at the tracked pose. The stages end at these events: ``sample_ms``, the pose
+    is sent; ``up_ms``, it arrives at the server; ``simulate_ms``, the state is simulated; ``send_ms``, the state is
+    sent; ``down_ms``, it arrives at the client; ``draw_ms``, the image is displayed. The clocks of client and server
+    are synchronised: the fastest messages are assumed to take equal times in both directions.
     """
 
     sequence: _Numbers
@@ -230,12 +232,14 @@ TOPICS: dict[str, type[Record]] = {
 AttemptEnd = Literal[
     "completed", "stopped", "paused", "interrupted", "repeated", "skipped", "ended", "failed"
 ]
-"""End of an attempt. Only ``completed`` attempts are analysed: the robot finished, and the recording is complete."""
+"""Result of an attempt. Only ``completed`` attempts are analysed. In these attempts the robot finished, and the
+recording is complete.
+"""
 ATTEMPT_ENDS: tuple[AttemptEnd, ...] = get_args(AttemptEnd)
 
 
 class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
-    """Metrics of an attempt; ``None`` if unknown.
+    """Metrics of an attempt. An unknown metric is ``None``.
 
     ``steps``: number of control steps. ``reward``: sum over these steps. ``success``: whether the robot succeeded.
     ``seconds``: duration of the attempt, with free movement and questions.
@@ -248,9 +252,10 @@ class Metrics(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Outcome(Metrics, frozen=True, kw_only=True):
-    """End and metrics of an attempt.
+    """Result and metrics of an attempt.
 
-    ``completed_later``: the program was killed after the robot finished, and the recording was completed later.
+    ``completed_later``: whether the recording was completed later. This happens if the program was killed after the
+    robot finished.
     """
 
     result: AttemptEnd

@@ -2,7 +2,7 @@
 
 The clock of a device can jump (clock reset). Times after a reset are corrected. Corrected times never decrease. Arrival
 times on the session's clock distinguish gaps from resets. At a gap, sample times and arrival times both pause. At a
-reset, the delay from sample to arrival changes by the jump.
+reset, the delay from sample to arrival changes by the size of the jump.
 """
 
 from collections.abc import Mapping, Sequence
@@ -48,8 +48,8 @@ class ClockReset:
 class SampleTimes:
     """Corrected times (n,) of a stream's samples in seconds; they never decrease.
 
-    ``resets``: the corrected clock resets. ``num_corrected_samples``: number of times that were increased to the time
-    of the previous sample. Jitter had made these times smaller than the previous ones.
+    ``resets``: the corrected clock resets. ``num_corrected_samples``: number of samples with times before the previous
+    sample, because of jitter. Their times were increased to that of the previous sample.
     """
 
     time_s: FloatArray
@@ -59,7 +59,9 @@ class SampleTimes:
 
 @dataclass(frozen=True)
 class _Segment:
-    """Samples ``first`` to ``end`` − 1, without a clock reset. ``delay_s``: smallest delay from sample to arrival."""
+    """A series of samples without a clock reset: ``first`` to ``end`` − 1. ``delay_s`` is the smallest delay from
+    sample to arrival.
+    """
 
     first: int
     end: int
@@ -111,10 +113,10 @@ def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_S
 
 
 def _is_reset(before_s: float, after_s: float, step_s: float, rate_hz: float) -> bool:
-    """Returns whether a clock reset explains that the smallest delay changes from ``before_s`` to ``after_s``.
+    """Returns whether a clock reset explains a change of the smallest delay from ``before_s`` to ``after_s``.
 
-    A late sample looks like a forward jump of the clock. For irregular samples, only a sample from the future (a
-    negative delay) proves a reset.
+    In irregular streams, a late sample looks like a forward jump of the clock. There, only a negative delay from sample
+    to arrival proves a reset.
     """
     if step_s < -MAX_JITTER_STEP_S:
         return True
@@ -131,8 +133,8 @@ def _clock_lead_s(
 ) -> float:
     """Returns the clock offset of a segment in seconds; positive if the device's clock is ahead.
 
-    The offset is exact, from the sample rate, if a regular stream continues without a gap. Otherwise it is estimated
-    from arrival times.
+    If a regular stream continues without a gap, the sample rate determines the offset exactly. Otherwise the offset is
+    estimated from arrival times.
     """
     by_arrival_s = normal_delay_s - segment.delay_s
     if not segment.first:
@@ -147,7 +149,7 @@ _UNEVEN = "irregular samples, or too few"
 
 @dataclass(frozen=True)
 class StreamQuality:
-    """Sample timing of a stream in one trial, after correction of clock resets."""
+    """Quality of the sample times of a stream in one trial, after correction of clock resets."""
 
     stream: Annotated[str, Column("Name of the stream in the study.")]
     kind: Annotated[str, Column("Kind of measurement, as the device reports it.")]
@@ -166,12 +168,12 @@ class StreamQuality:
 
 
 def streams_by_name(topics: MessagesByTopic) -> dict[str, Stream]:
-    """Returns the streams of a recording by name."""
+    """Returns the descriptions of a recording's streams, by name of the stream."""
     return {each.name: each for _, each in topics["/streams"]}
 
 
 def stream_chunks(topics: MessagesByTopic, stream: str) -> SampleChunks:
-    """Returns all samples of a stream, with their arrival times."""
+    """Returns all samples of the stream with this name, with their arrival times."""
     return [(time_ns, chunk) for time_ns, chunk in topics["/samples"] if chunk.stream_name == stream]
 
 
@@ -210,7 +212,7 @@ def _quality(stream: Stream, chunks: SampleChunks, found: SampleTimes) -> Stream
 
 
 def _jitter(times: FloatArray, rate_hz: float) -> tuple[float | None, int | None]:
-    """Returns jitter (seconds) and number of gaps; None if unknown.
+    """Returns the jitter in seconds and the number of gaps; ``None`` if they are unknown.
 
     Jitter is the standard deviation of sample times from a straight line, which is fitted to each segment without gaps.
     """

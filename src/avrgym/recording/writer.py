@@ -32,11 +32,11 @@ from avrgym.system.files import private_opener
 FLUSH_INTERVAL_S = 0.1
 """Interval at which queued records are written to the file."""
 DISK_STALL_TIMEOUT_S = 0.75
-"""Time without a write after which ``RecordingWriter.disk_error`` reports a stalled disk."""
+"""Maximum duration of a write. After this time, ``RecordingWriter.disk_error`` reports a stalled disk."""
 MAX_QUEUED_MESSAGES = 4000
 """Maximum length of the queue. If it is full, the recording fails."""
 MAX_SHORT_QUEUE_MESSAGES = 100
-"""Maximum length of the queue after ``RecordingWriter.wait_for_writes``."""
+"""Maximum length of the queue at which ``RecordingWriter.wait_for_writes`` returns."""
 CLOSE_TIMEOUT_S = 10.0
 """Maximum time in which ``RecordingWriter.close`` waits for the disk."""
 
@@ -200,7 +200,7 @@ class RecordingWriter:
 
 
 class _Disk:
-    """A new unbuffered file. Without a buffer, a failed write is not repeated later."""
+    """A new file without a buffer. A failed write is therefore not repeated later."""
 
     def __init__(self, path: Path):
         self._file = FileIO(path, "x", opener=private_opener)
@@ -215,7 +215,7 @@ class _Disk:
             rest = rest[self._file.write(rest) :]
 
     def flush(self) -> None:
-        """Does nothing, because the file is unbuffered."""
+        """Does nothing, because the file is unbuffered. The MCAP writer calls this method."""
 
     def tell(self) -> int:
         return self._file.tell()
@@ -234,7 +234,7 @@ class _Disk:
 def complete_truncated_recording(path: str | os.PathLike[str]) -> None:
     """Complete a recording that was truncated after the robot finished. Other recordings are not changed.
 
-    Unreadable data at the end of the file are replaced. The file must not be open for writing.
+    The outcome replaces unreadable data at the end of the file. The file must not be open for writing.
     """
     recording = read_recording(path)
     if recording.complete or recording.robot_outcome is None:

@@ -104,7 +104,7 @@ def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]
 
 
 class _Log:
-    """An open MCAP file. Times are in seconds from the start of the trial."""
+    """An MCAP file that is open for writing. Times are in seconds from the start of the trial."""
 
     def __init__(self, data: io.BytesIO, began_ns: int, described: dict[str, str]) -> None:
         self._began_ns = began_ns
@@ -121,7 +121,7 @@ class _Log:
         return stamp
 
     def write(self, topic: str, time_s: float, message: Any) -> None:
-        """Write a message with one of Foxglove's schemas."""
+        """Write a message with one of Foxglove's schemas to a topic, at a time in the trial."""
         name = message.DESCRIPTOR.full_name
         if name not in self._schemas:
             self._schemas[name] = register_schema(self._mcap, type(message))
@@ -135,7 +135,7 @@ class _Log:
         self._add(topic, "json", self._schemas[topic], self._began_ns + time_ns, encode(record))
 
     def finish(self) -> None:
-        """Write the end of the file."""
+        """Write the index and the end of the file."""
         self._mcap.finish()
 
     def _at_ns(self, time_s: float) -> int:
@@ -185,7 +185,7 @@ def _colours(surface: BodySurface) -> Mapping[str, Any]:
 def _clouds(surfaces: Mapping[str, Sequence[BodySurface]]) -> Iterator[tuple[str, NDArray[np.uint8]]]:
     """Yields the name of each body and points (P, ``POINT_BYTES``) of uniform density on its surfaces.
 
-    The points are random, but identical in every run.
+    The points are random, but the same in every export of the recording.
     """
     areas = {body: [_areas(surface) for surface in own] for body, own in surfaces.items()}
     density = NUM_SURFACE_POINTS / sum(area.sum() for own in areas.values() for area in own)
@@ -259,7 +259,7 @@ def _transform(log: _Log, time_s: float, frame: str, pose: FloatArray) -> FrameT
 
 
 def _tracking_space(recording: Recording) -> FloatArray:
-    """Returns the pose (7,) of the tracking space in the world."""
+    """Returns the pose (7,) of the headset's tracking space in the world: x, y, z, then quaternion w, x, y, z."""
     pose = recording.configuration.xr_from_world
     x, y, z, w = pose.orientation
     return np.concatenate(transforms.invert(np.array(pose.position), np.array([w, x, y, z])))

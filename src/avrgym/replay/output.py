@@ -1,4 +1,4 @@
-"""Checks the path of a new output file."""
+"""Checks the path of an output file before it is written."""
 
 from pathlib import Path
 

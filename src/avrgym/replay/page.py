@@ -25,14 +25,14 @@ DATA_SCRIPT_TAG = b'<script id="recorded" type="application/json">'
 
 
 class PackedTrial(msgspec.Struct, frozen=True):
-    """A timeline, and the packed poses of its frames, see ``pack_poses``."""
+    """A trial of the page: its timeline, and the packed poses of its frames, see ``pack_poses``."""
 
     timeline: Timeline
     poses: str
 
 
 class PageData(msgspec.Struct, frozen=True):
-    """Data of the page.
+    """Data that the page contains as JSON.
 
     ``step``: resolution of the packed poses. ``trials``: one or two trials with packed poses. ``scenes``: GLB files by
     URL. Poses and files are compressed (deflate) and base64-encoded.
@@ -44,7 +44,7 @@ class PageData(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording with its timeline and poses, see ``build_timeline``."""
+    """A recording with the results of ``build_timeline``: timeline and poses."""
 
     recording: Recording
     timeline: Timeline
@@ -52,7 +52,7 @@ class ReplayedTrial(NamedTuple):
 
 
 def check_new_page(out: Path) -> None:
-    """Check that the page can be written.
+    """Check that a page can be written to the file ``out``.
 
     Raises:
         ValueError: for a suffix other than .html, or for a missing folder.

@@ -129,7 +129,9 @@ def write_image_strip(
 def _film(
     recording: Recording, frames_per_s: int, first_person: bool, progress: ProgressCallback
 ) -> Iterator[RgbImage]:
-    """Yields images at a constant rate, up to the questionnaire. Each image is the first state at or after its time."""
+    """Yields images at a constant rate, up to the questionnaire. Each image shows the first recorded state at or after
+    its time.
+    """
     begins_s, _ = control_time_range_s(recording)
     times_s = np.arange(0.0, robot_motion_end_s(recording), 1.0 / frames_per_s).tolist()
     for moment, picture in _pictures(recording, times_s, VIDEO_SIZE_PX, first_person, progress):
@@ -143,7 +145,7 @@ def _pictures(
     first_person: bool,
     progress: ProgressCallback,
 ) -> Iterator[tuple[DisplayedState, RgbImage]]:
-    """Yields a state and its image for each of these times: the first state at or after the time."""
+    """Yields an image and its state for each time in ``times_s``: the first recorded state at or after this time."""
     playback = Playback(recording)
     width_px, height_px = size_px
     camera = Camera(playback.episodes, 0, width_px=width_px, height_px=height_px, first_person=first_person)
@@ -163,7 +165,7 @@ def _pictures(
 
 
 def _moments(playback: Playback, progress: ProgressCallback) -> Iterator[DisplayedState]:
-    """Yields each recorded state. At this time, the playback's world is in the same state."""
+    """Yields the display values of each recorded state. Meanwhile, the world of ``playback`` is in this state."""
     reward, force_n, success = 0.0, 0.0, False
     for compared in playback.recompute(follow=True):
         if isinstance(compared, ComparedState):

@@ -29,7 +29,7 @@ class ReplayError(ValueError):
 
 @dataclass(frozen=True)
 class ComparedState:
-    """A recorded simulator state (S,) and the recomputed state (S,)."""
+    """A recorded simulator state (S,) and the recomputed state (S,) at the same time of the trial."""
 
     time_s: float
     recorded: FloatArray
@@ -43,7 +43,7 @@ class ComparedState:
 
 @dataclass(frozen=True)
 class ComparedStep:
-    """A recorded control step and the recomputed control step."""
+    """A recorded control step and the same control step, recomputed."""
 
     time_s: float
     recorded: Control
@@ -63,7 +63,8 @@ class Playback:
     """
 
     def __init__(self, recording: Recording, *, by_region: bool = False) -> None:
-        """Compile the scene and start the episode. ``by_region``: whether to measure forces by body region.
+        """Compile the scene of the recording and start its episode. ``by_region``: whether to measure forces by body
+        region.
 
         Raises:
             ReplayError: if the recording has no state, or if its scene differs from the current one.
@@ -89,8 +90,8 @@ class Playback:
         """Recomputes the recording. Yields each state and each control step. Can be called once.
 
         Args:
-            follow: after a difference, continue from the recorded state. By default, only the first recorded state is
-                used.
+            follow: whether to continue from the recorded state after a difference. By default, only the first recorded
+                state is used.
 
         Raises:
             ReplayError: if a state or command does not fit the world.
@@ -164,8 +165,9 @@ class Playback:
         return self.act(np.zeros(0)) if self._action_is_new else None
 
     def _apply_event(self, event: Event) -> None:
-        """Updates the phase. Brakes the robot before and after its retreat, and permanently if the attempt was
-        aborted."""
+        """Updates the phase. Applies the robot's brakes before and after its retreat, and permanently if the attempt
+        was aborted.
+        """
         if event.name == "phase":
             self.phase = event.detail
         self._stopped = self._stopped or event.name == "robot_holds"

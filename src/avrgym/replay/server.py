@@ -59,7 +59,7 @@ class ReplayServer:
     """Context manager that serves one replay on this computer. ``port`` 0: any free port."""
 
     def __init__(self, recording: Recording, timeline: Timeline, poses: bytes, port: int) -> None:
-        """Bind the port.
+        """Bind the port, and create the web application.
 
         Raises:
             ServerError: if the client is not built, or if another program uses the port.

@@ -22,7 +22,9 @@ STATES_PER_FRAME = 2
 
 
 class TimelineEvent(msgspec.Struct, frozen=True):
-    """An event or an answer as text. ``kind``: ``event``, ``answer``, or the name of the phase that starts."""
+    """An event or an answer as text. ``kind`` is ``event``, ``answer``, or the name of the phase that starts at this
+    time.
+    """
 
     time_s: float
     kind: str
@@ -30,7 +32,7 @@ class TimelineEvent(msgspec.Struct, frozen=True):
 
 
 class StepSeries(msgspec.Struct, frozen=True):
-    """Lists with one entry for each control step.
+    """Results of the control steps: lists with one entry for each step.
 
     ``time_s``: end of the step. ``reward``: reward accumulated up to this step. ``force_n``: force on the person.
     ``distance_m``: distance of the tool from its goal. ``success``: whether the task has succeeded.
@@ -46,8 +48,8 @@ class StepSeries(msgspec.Struct, frozen=True):
 class Timeline(msgspec.Struct, frozen=True):
     """A trial as data for a replay page. Times are in seconds from the start of the trial.
 
-    ``complete``: whether the recording contains the whole trial. ``result``: how the attempt ended. ``seconds``:
-    duration. ``facts``: further information by heading. ``frames_s``: time of each frame.
+    ``complete``: whether the recording contains the whole trial. ``result``: result of the attempt. ``seconds``:
+    duration of the trial. ``facts``: further information by heading. ``frames_s``: time of each frame.
 
     The poses of the frames are stored separately, as 32-bit floats. A frame has a pose for each body of ``scene``
     and each mark on the person: position x, y, z, then quaternion w, x, y, z.
@@ -93,7 +95,7 @@ def build_timeline(recording: Recording, progress: Callable[[], None]) -> tuple[
 
 
 def align_robot_starts(timelines: Sequence[Timeline]) -> list[Timeline]:
-    """Returns the timelines with delays. All robots then start at the same time."""
+    """Returns the timelines with delays that make all robots start at the same time."""
     begin_s = [
         next((event.time_s for event in timeline.events if event.kind == "trial"), 0.0)
         for timeline in timelines
@@ -130,7 +132,9 @@ def recorded_scene_parameters(recording: Recording) -> tuple[str, Person, Settin
 
 
 def _facts(recording: Recording) -> dict[str, str]:
-    """Returns facts about the trial by heading, without the participant's name."""
+    """Returns information about the trial, such as environment and policy, by heading. It does not contain the
+    participant's name.
+    """
     trial = recording.configuration
     facts = {
         "Session": trial.session,

@@ -2,8 +2,8 @@
 states and control steps.
 
 The C library's elementary functions round differently on other processors. Contacts amplify these differences. If bits
-differ, every tick (10 ms) is therefore also recomputed from the previous recorded state. The differences by rounding
-are then below 10⁻¹¹.
+differ, every tick (10 ms) is therefore also recomputed from the previous recorded state. Rounding then causes only very
+small differences, see ``MAX_ROUNDING_DIFFERENCE``.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,7 +26,7 @@ STATE_QUANTITIES: Mapping[str, _State] = {
     for name, part in _State.__members__.items()
     if int(part) & int(_State.mjSTATE_INTEGRATION) and int(part).bit_count() == 1
 }
-"""Parts of a MuJoCo state by name; SI units."""
+"""Parts of MuJoCo's integration state, such as ``qpos``, by name. Values are in SI units."""
 
 
 MAX_ROUNDING_DIFFERENCE = 1e-9
@@ -61,12 +61,12 @@ class Verification:
         identical_states: number of states without differences.
         steps: number of compared control steps.
         identical_steps: number of control steps without differences.
-        until_s: time of the last state.
+        until_s: time of the last compared state, in seconds from the start of the trial.
         tick_error: largest relative difference after one tick from a recorded state.
         complete: whether the recording contains the whole trial.
-        recorded_with: versions of AVR Gym and MuJoCo at the recording.
+        recorded_with: versions of AVR Gym and MuJoCo that made the recording.
         same_versions: whether these versions are installed now.
-        same_rounding: whether the C library rounds as at the recording.
+        same_rounding: whether the C library rounds as it did during the recording.
         plugin_differences: plug-ins that have changed since the recording.
         differences: the differences, one object for each quantity.
     """
@@ -91,7 +91,7 @@ class Verification:
 
     @property
     def agrees_within_rounding(self) -> bool:
-        """Whether rounding errors of the C library explain all differences."""
+        """Whether different rounding of the C library can explain all differences."""
         return self.tick_error <= MAX_ROUNDING_DIFFERENCE
 
 
@@ -144,7 +144,7 @@ def _tick_error(recording: Recording) -> float:
 
 
 class _Differences:
-    """The differences found so far, by quantity."""
+    """Collects the differences between recorded and recomputed values, by quantity."""
 
     def __init__(self) -> None:
         self.differences: dict[str, QuantityDifference] = {}
@@ -186,8 +186,9 @@ class _Differences:
 
 
 def _distance(recorded: FloatArray, stepped: FloatArray) -> tuple[float, float]:
-    """Returns the largest absolute and relative difference. They are infinite if the shapes or the positions of NaN
-    differ."""
+    """Returns the largest absolute and relative difference. Both are infinite if the arrays differ in shape or in the
+    positions of NaN.
+    """
     if recorded.shape != stepped.shape:
         return np.inf, np.inf
     apart = np.where(np.isnan(recorded) & np.isnan(stepped), 0.0, np.abs(recorded - stepped))

@@ -13,7 +13,7 @@ from avrgym.models.robot import BaseRange, Mount, PersonLocation
 
 STAND_BODY = "stand"
 STAND_HALF_WIDTH_M = 0.18
-"""Half the width of the stand's square foot."""
+"""Half the width of the square foot of the stand, in metres."""
 _COLUMN_RADIUS_M, _FOOT_HALF_HEIGHT_M, _PLATE_M = 0.06, 0.02, 0.02
 
 
@@ -27,7 +27,7 @@ def mounts_on_furniture(
     Args:
         base_pos_w: position of the arm's base on the wheelchair, world frame.
         max_shoulder_height_m: maximum height of the shoulder above the base.
-        left_pos_w: position on the wheelchair's left side; ``None``: mirrored from the right side.
+        left_pos_w: position on the wheelchair's left side. ``None`` means the mirrored position of the right side.
     """
     yaw_rad = -0.5 * np.pi
     bracket = partial(add_bracket, mount_m=base_pos_w, max_shoulder_height_m=max_shoulder_height_m)
@@ -44,7 +44,7 @@ def mounts_on_furniture(
 
 
 def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bool) -> None:
-    """Add the geoms of a stand to the body ``stand``, and move the body ``base`` of the arm to its top."""
+    """Add the geoms of a stand to the body ``stand``. Move the body ``base`` of the arm to the top of the stand."""
     body = spec.body(STAND_BODY)
     spec.body(base).pos = [0.0, 0.0, height_m]
     foot = [STAND_HALF_WIDTH_M, STAND_HALF_WIDTH_M, _FOOT_HALF_HEIGHT_M]
@@ -62,6 +62,6 @@ def add_stand(spec: mujoco.MjSpec, base: str, height_m: float, *, appearance: bo
 def mount_next_to_person(x_m: float, y_m: float) -> Mount:
     """Returns the mount of a stand on the person's right side, at the nominal position (x, y).
 
-    A search at the start of each episode determines the pose of the stand.
+    At the start of each episode, a search near this position determines the pose of the stand.
     """
     return Mount((x_m, y_m, 0.0), 0.0, BaseRange((-0.2, 0.1), (-0.3, 0.5), (-0.5, 0.5)))

@@ -18,7 +18,7 @@ _robots: dict[str, Robot] = {
     robot.name: robot for robot in _PACKAGED if robot.name not in INSTALL_COMMAND_BY_ROBOT
 }
 ROBOTS: Mapping[str, Robot] = _robots
-"""Registered robots by name."""
+"""Registered robots by name: packaged robots and plug-ins."""
 
 
 def register_robot(robot: Robot) -> None:

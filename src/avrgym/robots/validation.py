@@ -1,4 +1,4 @@
-"""Validation of robot records."""
+"""Checks ``Robot`` records against their MuJoCo models."""
 
 import re
 from collections.abc import Iterable, Iterator
@@ -17,7 +17,7 @@ HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_ARM_JOINTS = 6
 """Minimum number of joints for any position and rotation of the hand."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
-"""Maximum reach and joint angles. They bound the observations."""
+"""Maximum reach in metres and maximum joint angle in radians. They bound the observations."""
 
 
 def check_robot(robot: Robot) -> None:

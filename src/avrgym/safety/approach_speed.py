@@ -1,4 +1,4 @@
-"""Monitors the approach speed between a robot's tool and a person. A limit on this speed limits impact forces."""
+"""Monitors the approach speed between a robot's tool and a person. A limit of this speed also limits impact forces."""
 
 import numpy as np
 
@@ -12,15 +12,16 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 MONITORED_DISTANCE_M = 0.10
-"""Speeds are checked if tool and person are closer than this distance. People move less than this while an arm
-retracts."""
+"""Speeds are checked if the distance between tool and person is smaller. It is larger than a person's motion while an
+arm retracts.
+"""
 _REGIONS = np.array([REGION_INDEX_OF_GEOM[geom] for geom in GEOMS])
 
 
 class ApproachSpeedMonitor(PerWorldState):
     """Compares approach speeds in N worlds with the allowed contact speeds of the body regions.
 
-    Speeds are those of the pad's origin. The pad is the part of the tool that touches people. All arrays (N,) describe
+    The speed of a tool is that of its pad's origin. The pad is the part that touches people. All arrays (N,) describe
     the latest control step.
 
     Attributes:
@@ -41,7 +42,10 @@ class ApproachSpeedMonitor(PerWorldState):
     )
 
     def __init__(self, simulation: Simulation, force_n: FloatArray) -> None:
-        """Set the speed limits. An impact at the limit causes the force ``force_n`` (R,) on a region, in newtons."""
+        """Compute the speed limit of each body region.
+
+        An impact at this speed causes the force ``force_n`` (R,), in newtons.
+        """
         self._simulation = simulation
         self.allowed_speed_m_s = max_impact_speed_m_s(force_n, effective_mass_kg(simulation))
         state = simulation.state()
@@ -106,7 +110,7 @@ def effective_mass_kg(simulation: Simulation) -> float:
 def _near_closing_m(closed_m: FloatArray, gap_m: FloatArray) -> FloatArray:
     """Returns the decrease (N, G) of each gap in the last step, in metres.
 
-    The decrease is 0 for a gap that would still be larger than ``MONITORED_DISTANCE_M`` after another such step.
+    The decrease is 0 for large gaps: those that exceed ``MONITORED_DISTANCE_M`` even after another such step.
     """
     return np.where(gap_m - closed_m < MONITORED_DISTANCE_M, closed_m, 0.0)
 

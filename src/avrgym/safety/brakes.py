@@ -9,11 +9,11 @@ from avrgym.models.robot import PREFIX
 from avrgym.models.scene import SceneConfig
 
 BRAKE_TORQUE_FACTOR = 30.0
-"""Holding torque of a brake as a multiple of its motor's torque limit. With a factor of 1, contact forces can push the
-arm back. With a factor of 10, they push it back in 1 of 200 stops (a washcloth between backrest and head)."""
+"""Holding torque of a brake, divided by the torque limit of its motor. With a small factor, contact forces can push a
+braked arm back.
+"""
 BRAKED_SOLVER_TOLERANCE = 1e-8
-"""Solver tolerance while brakes are engaged. Friction holds the joints without creep only with this tolerance and
-Newton's method."""
+"""Solver tolerance while brakes are engaged, with Newton's method. With a larger tolerance, braked joints creep."""
 
 
 class Brakes:

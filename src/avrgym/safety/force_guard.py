@@ -1,8 +1,8 @@
 """The force guard overrides actions if contact forces are too high, or the robot moves too fast near a person.
 
 If a force is too high, the arm retracts. An impact ends before a controller can react to the measured force. The guard
-therefore also limits the approach speed, see ``approach_speed``: if a person approaches the tool too fast, the arm
-retracts; if the tool itself is too fast, the arm stops. ``tasks.control_loop`` applies the guard in each control step.
+therefore also limits the approach speed, see ``approach_speed``: If a person approaches the tool too fast, the arm
+retracts. If the tool itself is too fast, the arm stops. ``tasks.control_loop`` applies the guard in each control step.
 """
 
 from typing import Any
@@ -18,8 +18,9 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 INTERVENTION_FORCE_SHARE = DEFAULT_FORCE_SHARE
-"""The arm retracts if a force exceeds this share of a region's quasi-static limit. Impacts may cause forces up to this
-share."""
+"""The arm retracts if a force exceeds this share of a region's quasi-static limit. The speed limits allow impact forces
+up to the same share.
+"""
 RELEASE_FORCE_SHARE = 0.25
 """The arm stops retracting when forces on all regions are below this share. The hysteresis prevents chattering."""
 WAYPOINT_SPACING_RAD = 0.01
@@ -50,7 +51,8 @@ class ForceGuard(PerWorldState):
     def __init__(self, simulation: Simulation, share: float = INTERVENTION_FORCE_SHARE) -> None:
         """Guard the arms of a simulation that measures forces by region (``by_region``).
 
-        The arm retracts at the share ``share`` of the quasi-static limits. Its maximum is ``INTERVENTION_FORCE_SHARE``.
+        The arm retracts if a force exceeds ``share`` times the quasi-static limit. The maximum of ``share`` is
+        ``INTERVENTION_FORCE_SHARE``.
         """
         self._simulation, self._share = simulation, min(share, INTERVENTION_FORCE_SHARE)
         self._approach = ApproachSpeedMonitor(simulation, self._share * QUASI_STATIC_LIMIT_N)
@@ -109,7 +111,7 @@ class ForceGuard(PerWorldState):
         return f"{region.name} {force_n[most]:.1f} N, limit {region.quasi_static_limit_n:g} N"
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns all data on which the next steps depend."""
+        """Returns the state of the guard: all data on which its next actions depend."""
         return super().snapshot() | {"approach": self._approach.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:

@@ -1,21 +1,22 @@
 """Limits of contact force and contact speed for each region of the body, after ISO/TS 15066.
 
 Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body. The limits
-apply to healthy adults at work. They mark the onset of pain, or of a slight injury such as a bruise. They are neither
-limits of comfort nor a target for care: a spoon touches lips with 1 to 3 N. The values are from publications that
+apply to healthy adults at work. They mark the onset of pain, or of a slight injury such as a bruise. They are not
+limits of comfort, and not a target for care: a spoon touches lips with 1 to 3 N. The values are from publications that
 quote the standard, because its text is not freely available.
 
 A clamped region must stay below the *quasi-static* limit. If a region can move away, the force may reach the
 *transient* limit for ``MAX_TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard
-allows no transient contact with skull and face; here their transient limit equals the quasi-static one.
+allows no transient contact with skull and face. Here, the transient limit of these regions equals their quasi-static
+limit.
 
 The maximum contact speed follows from the force: body and arm are two masses with a spring between them. The region has
 an *effective mass* and a *spring constant* (table A.3); see ``max_impact_speed_m_s``. Simulated contacts have a
 different compliance, see ``models.compliance``.
 
-Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit. The standard
-has no limits for feet; feet count as lower legs. The front of the cranium, with eyes and nose, has the forehead's
-limit.
+Bodies consist of capsules. A capsule that covers two regions, such as chest and back, has the lower limit of both. The
+standard has no limits for feet; they have the limits of lower legs. The front of the cranium, with eyes and nose, has
+the forehead's limit.
 """
 
 from collections.abc import Mapping
@@ -64,8 +65,9 @@ BODY_REGIONS = (
     BodyRegion("thighs", 220.0, 2.0, 50.0, 75.0, _limbs("thigh")),
     BodyRegion("lower_legs", 130.0, 2.0, 60.0, 75.0, _limbs("shin", "foot")),
 )
-"""The body regions, in the order of all arrays of forces by region (N, R). Forces on the left and right side are
-added."""
+"""The body regions, in the order of all arrays of forces by region (N, R). Forces on the left and the right part of a
+region are added.
+"""
 REGION_INDEX_OF_GEOM: Mapping[str, int] = {
     geom: index for index, region in enumerate(BODY_REGIONS) for geom in region.geoms
 }

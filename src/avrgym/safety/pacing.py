@@ -1,9 +1,9 @@
-"""The pacing layer executes participants' commands. The robot's policy does not need to process commands.
+"""The pacing layer executes the commands of participants. The policy of the robot does not need to process commands.
 
 The policy drives the tool until the tool is at the preferred distance from mouth or arm. The robot waits there for the
-command ``ready``. The layer scales the policy's actions, and maintains the preferred distance and side. At the command
-``wait``, it moves the tool back; see ``commands.vocabulary``. When the layer moves the tool, it uses ``Retreat``, with
-at most ``retreat.RETREAT_TOOL_SPEED_M_S``.
+command ``ready``. The layer scales the actions of the policy, and maintains the preferred distance and side. At the
+command ``wait``, the layer moves the tool back; see ``commands.vocabulary``. It moves the tool with ``Retreat``, at
+``retreat.RETREAT_TOOL_SPEED_M_S`` or less.
 """
 
 from collections.abc import Mapping
@@ -36,11 +36,13 @@ PACING_MODES = ("approaching", "waiting", "backing_off", "changing_side", "conti
 """Modes of the pacing layer. The policy drives the robot in the modes ``approaching`` and ``continuing``."""
 APPROACHING, WAITING, BACKING_OFF, CHANGING_SIDE, CONTINUING, STOPPED = range(len(PACING_MODES))
 DISTANCE_TOLERANCE_M = 0.05
-"""Tolerance of the preferred distance. A waiting robot backs off if it is closer to the person by more than this."""
+"""Tolerance of the preferred distance. If the tool of a waiting robot is closer by more than this tolerance, the robot
+backs off.
+"""
 MIN_LATERAL_OFFSET_M = 0.08
 """Minimum lateral distance between tool and mouth or arm at which the tool is on one side."""
 MAX_SIDE_CHANGE_S = 5.0
-"""Maximum duration of a change of side. The other side may be out of reach."""
+"""Maximum duration of a change of side, in case the other side is out of reach."""
 MAX_FACING_ANGLE_RAD = float(np.radians(30.0))
 """Maximum angle between the head's direction and the tool at which the participant faces the tool."""
 COMMAND_INPUT_ENTRIES = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", "side", "waiting")
@@ -48,7 +50,7 @@ COMMAND_INPUT_ENTRIES = (*COMMAND_NAMES, "age_s", "speed_factor", "distance_m", 
 command, otherwise 0. ``age_s`` is the time since the command, up to 60 s. ``side`` is 1 for left, −1 for right, 0 for
 any. ``waiting`` is 1 while the robot waits."""
 MAX_COMMAND_AGE_S = 60.0
-"""Maximum value of ``age_s``."""
+"""Maximum value of ``age_s``, the time since the latest command."""
 NO_COMMAND_INPUT = np.array(
     [0.0] * len(COMMAND_NAMES) + [MAX_COMMAND_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0]
 )
@@ -231,7 +233,7 @@ class PacingLayer(PerWorldState):
         self._continue_by_itself(state)
 
     def _continue_by_itself(self, state: State) -> None:
-        """Leaves the waiting pose without a command if the participant prefers this."""
+        """Continues from the waiting pose without a command, in worlds in which the participant prefers this."""
         wishes = self.rules.preferences
         self._paused_s = np.where(self.waiting_mask, self._paused_s + self._step_s, 0.0)
         if not wishes.continues_without_command:
@@ -251,7 +253,9 @@ class PacingLayer(PerWorldState):
                 self._retreats[world].restart()
 
     def _arrive(self, worlds: BoolArray) -> None:
-        """Starts to wait in the worlds of a mask (N,). If the tool is on the wrong side, changes the side first."""
+        """Starts the robot's wait in the worlds of a mask (N,). If the tool is on the wrong side, the robot changes the
+        side first.
+        """
         wrong = (
             (self.preferred_side != 0.0)
             & (self._lateral_m * self.preferred_side < MIN_LATERAL_OFFSET_M)

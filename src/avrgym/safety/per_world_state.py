@@ -1,4 +1,4 @@
-"""Base class of safety layers. Their state has one row for each world."""
+"""Base class of safety layers. The arrays of their state have one row for each world."""
 
 from typing import Any, ClassVar
 
@@ -11,7 +11,7 @@ class PerWorldState:
     STATE_FIELDS: ClassVar[tuple[str, ...]]
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns all data on which the next steps depend."""
+        """Returns the arrays ``STATE_FIELDS`` by name: all data on which the next steps depend."""
         return {name: getattr(self, name).copy() for name in self.STATE_FIELDS}
 
     def restore(self, snapshot: dict[str, Any]) -> None:

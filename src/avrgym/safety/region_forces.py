@@ -19,14 +19,14 @@ from avrgym.safety.limits import (
 
 MAX_GEOM_CONTACTS, MAX_CLOTH_GEOM_CONTACTS = 8, 64
 """Maximum number of contacts that a sensor measures for one geom of the person, without and with cloth. A grasp with
-three fingers has fewer than 8 contacts. A sleeve around an arm has up to 40."""
+three fingers has fewer than 8 contacts; a sleeve around an arm has up to 40.
+"""
 
 
 def add_region_sensors(spec: mujoco.MjSpec, scene: SceneConfig) -> None:
     """Add sensors of the contact forces of robot and cloth on each geom of the person.
 
-    The sensors do not change the simulation. With many contacts, they increase the duration of a physics step by up to
-    a sixth.
+    The sensors do not change the simulation, but they slow it down a little.
     """
     contacts = MAX_GEOM_CONTACTS if scene.tool.cloth is None else MAX_CLOTH_GEOM_CONTACTS
     for geom in REGION_INDEX_OF_GEOM:

@@ -19,8 +19,7 @@ from avrgym.models.scene import CONTROL_STEP_S, SCENE_TOOL_BODY
 from avrgym.simulation.worlds import Simulation
 
 RETREAT_TOOL_SPEED_M_S = 0.08
-"""Speed of the tool during the retreat. With the servos' overshoot the speed remains below 0.1 m/s, also near the
-head."""
+"""Speed of the tool during the retreat. Together with the overshoot of the servos, the speed remains below 0.1 m/s."""
 FINAL_MOUTH_DISTANCE_M = 0.32
 """Distance between tool and mouth at the end of the retreat."""
 FINAL_PERSON_DISTANCE_M = 0.10
@@ -104,7 +103,7 @@ class Retreat:
         self._steps, self._step_s = steps, step_s
 
     def restart(self) -> None:
-        """Start another retreat, from the current state."""
+        """Start another retreat from the current state: reset the number of steps."""
         self._steps = 0
 
     def next_action(self) -> FloatArray | None:
@@ -203,8 +202,8 @@ def _solved(task: FloatArray, wish: FloatArray, rows: FloatArray, least: FloatAr
     """Solve the quadratic programme: ``task`` (6, J) q closest to ``wish`` (6,), subject to ``rows`` (L, J) q ≥
     ``least``.
 
-    Returns the damped least squares solution q (J,), corrected by the solution of the dual programme. If the dual
-    programme has no solution, returns 0, which meets all constraints.
+    Returns joint speeds q (J,): the damped least squares solution, corrected by the solution of the dual programme. If
+    the dual programme has no solution, returns 0, which meets all constraints.
     """
     weighed = np.linalg.inv(task.T @ task + JOINT_SPEED_WEIGHT**2 * np.eye(task.shape[1]))
     free = weighed @ task.T @ wish

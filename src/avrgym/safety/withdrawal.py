@@ -17,7 +17,8 @@ from avrgym.simulation.worlds import Simulation
 SETTLING_TIME_S = 0.5
 """Time without an event (such as a bite or a sip) between the success and the withdrawal."""
 FINAL_MOUTH_DISTANCE_M, FINAL_PERSON_DISTANCE_M = 0.15, 0.06
-"""Distances at which the withdrawal ends: from the mouth to the tool, and from the person to tool and hand."""
+"""Distances at which the withdrawal ends, in metres: from the mouth to the tool, and from the person to tool and hand.
+"""
 WITHDRAWAL_DRIVER, WITHDRAWAL_EVENT = "withdrawal", "robot_withdraws"
 """In a recording: the name of the driver in the withdrawal's control steps, and of the event at its beginning."""
 

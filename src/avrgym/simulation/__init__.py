@@ -1,4 +1,4 @@
-"""Physics of N worlds with MuJoCo; its warnings go to the logger ``avrgym.mujoco``."""
+"""Physics of N worlds with MuJoCo. The logger ``avrgym.mujoco`` receives MuJoCo's warnings."""
 
 from avrgym.system.mujoco_setup import log_mujoco_warnings
 

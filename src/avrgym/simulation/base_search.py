@@ -1,8 +1,8 @@
 """Search for the pose of a robot's base from which its arm reaches the poses of a task.
 
 The method is task-centric optimisation (Kapusta and Kemp, "Task-centric optimization of configurations for assistive
-robots", Autonomous Robots 43, 2019) over sampled base poses, as in Assistive Gym. All candidates of all worlds are
-solved in one batch. The result of a world is bit-identical with any other worlds in the batch.
+robots", Autonomous Robots 43, 2019) over sampled base poses, as in Assistive Gym. Inverse kinematics for all candidates
+of all worlds is solved in one batch. The result of a world does not depend on the other worlds, bit for bit.
 """
 
 from collections.abc import Callable
@@ -24,12 +24,12 @@ NUM_UNIFORMS = 3 * NUM_CANDIDATES
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 """Maximum errors of position (as in Assistive Gym) and rotation for a reached goal."""
 START_IK_ITERATIONS, START_IK_TOLERANCE_M = 15, 0.003
-"""Iterations and tolerance of the inverse kinematics for the start pose."""
+"""Maximum number of iterations, and tolerance, of the inverse kinematics for the start pose."""
 NUM_IK_RESTARTS, MIN_REACHING_CANDIDATES = 2, 10
 """Number of restarts of the inverse kinematics. Only worlds in which fewer candidates than the second number reach the
 start pose are restarted."""
 GOAL_IK_ITERATIONS, GOAL_IK_TOLERANCE_M = 10, 0.02
-"""Iterations and tolerance of the inverse kinematics for the goals."""
+"""Maximum number of iterations, and tolerance, of the inverse kinematics for the goals."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class CandidateScores:
 
     Attributes:
         start_reached: whether the arm reaches the start pose within 5 mm and 0.05 rad.
-        start_error_m: residual error in the start pose; a radian counts as 0.3 m.
+        start_error_m: residual position error plus rotation error in the start pose; 1 rad is weighted as 0.3 m.
         num_goals_reached: number of goals that the arm reaches from the start pose.
         isotropy_sum: sum of the kinematic isotropy over all reached poses; 0 if the start pose is not reached.
     """
@@ -87,7 +87,7 @@ NUM_PATH_COST_CANDIDATES = 16
 def sample_base_poses(
     base_range: BaseRange, pos_w: ArrayLike, yaw_rad: float, uniforms: FloatArray
 ) -> BasePoses:
-    """Returns candidates (n, C) around a nominal position (3,) and yaw, from uniform random numbers (n, 3C)."""
+    """Returns base poses (n, C) around a nominal position (3,) and yaw, from uniform random numbers (n, 3C)."""
     ranges = np.array([base_range.x_m, base_range.y_m, base_range.yaw_rad])
     shares = uniforms.reshape(len(uniforms), -1, 3)
     offsets = ranges[:, 0] + (ranges[:, 1] - ranges[:, 0]) * shares
@@ -109,11 +109,11 @@ def search_base_pose(
     With ``path_cost``, the result is the candidate with the lowest cost among the best ``NUM_PATH_COST_CANDIDATES``
     candidates.
 
-    A goal counts as reached within 3 cm and 15°. Among candidates with the same number of goals, the highest sum of
-    isotropies is best. The sum is over the start pose and the reached goals; the isotropy is the joint-limit-weighted
-    kinematic isotropy. Inverse kinematics begins at the seed pose for the start pose, and at the start pose for the
-    goals. If fewer than ten candidates of a world reach the start pose, the others are solved twice more. These
-    solutions begin at poses around the seed pose.
+    A goal is reached if the errors are below 3 cm and 15°. Among candidates with the same number of reached goals, the
+    one with the highest sum of isotropies is best. The sum is over the start pose and the reached goals; the isotropy
+    is the joint-limit-weighted kinematic isotropy. Inverse kinematics begins at the seed pose for the start pose, and
+    at the start pose for the goals. If fewer than ten candidates of a world reach the start pose, the search for the
+    others is repeated twice. These searches begin at poses around the seed pose.
 
     Args:
         chain: the arm from the robot's base to its tip.
@@ -231,9 +231,9 @@ def _arrive(
 
 
 def _merit(scores: CandidateScores, goals: int) -> FloatArray:
-    """Returns a merit of each candidate; higher is better.
+    """Returns a score for the ranking of each candidate; higher is better.
 
-    One more goal always counts more than the sum of isotropies, because each isotropy is at most 1.
+    One more reached goal always increases the score more than the isotropies, because each isotropy is at most 1.
     """
     merit = scores.num_goals_reached * (goals + 2.0) + scores.isotropy_sum
     return np.where(scores.start_reached, merit, -scores.start_error_m)
@@ -247,9 +247,9 @@ def _solve_within_reach(
     iterations: int,
     tolerance: float,
 ) -> IKSolution:
-    """Returns solutions of the inverse kinematics. Poses out of reach are not solved.
+    """Returns solutions of the inverse kinematics for poses (N,) within reach.
 
-    For them, the position error is the missing reach, and the rotation error is π.
+    For poses out of reach, the position error is the distance beyond the reach, and the rotation error is π.
     """
     beyond_m = norm(pos - chain.body_pos[0]) - kinematics.reach_m(chain)
     rows = np.nonzero(beyond_m <= 0.0)[0]

@@ -1,4 +1,4 @@
-"""Model fields of the person. They differ between worlds, because each world has its own person."""
+"""Writes the model fields of the person. They differ between worlds, because each world has its own person."""
 
 from collections.abc import Collection
 from functools import lru_cache
@@ -94,7 +94,7 @@ class PersonModelFields:
 
 
 INERTIAL_FIELDS = ("body_mass", "body_inertia", "body_ipos", "body_iquat")
-"""Names of MuJoCo's model fields for the inertia of bodies."""
+"""Names of MuJoCo's model fields for mass, inertia and centre of mass of bodies."""
 
 
 @lru_cache(maxsize=1024)

@@ -18,7 +18,7 @@ from avrgym.models.task_frame import opposite_side_name
 from avrgym.people.arm_clearance import CHECKED_CAPSULE_PAIRS
 
 MinClearances = dict[tuple[int, int], float]
-"""Minimum distance of each pair of geoms in metres, by their ids."""
+"""Minimum distance of pairs of geoms in metres, by the ids of both geoms."""
 
 MIN_PERSON_CLEARANCE_M = 0.01
 """Minimum clearance of robot, tool and particles from the person."""
@@ -51,9 +51,9 @@ class WorldGeoms:
 
 @dataclass(frozen=True)
 class ClearanceConflict:
-    """Two bodies that are too close. ``gap_m``: their distance, negative if they overlap.
+    """Two bodies that are too close in an initial state. ``gap_m``: their distance, negative if they overlap.
 
-    ``min_clearance_m``: the minimum distance.
+    ``min_clearance_m``: the minimum allowed distance of these bodies.
     """
 
     body1: str
@@ -76,9 +76,9 @@ class StartClearanceChecker:
 
         Args:
             model: the scene.
-            base: name of the robot's body that is mounted on furniture, if any.
+            base: name of the robot's body that is mounted on furniture; ``None`` for a robot on the floor.
             arms: whether to check the overlap of the person's arms and furniture.
-            offered: whether to check that the right arm touches neither padding nor the rest of the body.
+            offered: whether to check the contacts of the right arm with padding and with the rest of the body.
             mirrored: whether ``offered`` applies to the left arm instead.
         """
         self._model, self._data = copy(model), mujoco.MjData(model)
@@ -99,8 +99,8 @@ class StartClearanceChecker:
     ) -> list[ClearanceConflict | None]:
         """Returns for each of n worlds the pair of bodies that is farthest below its minimum clearance, or ``None``.
 
-        With ``extra_clearance_m``, only pairs of robot and person are checked. This distance is added to their minimum
-        clearance.
+        With ``extra_clearance_m``, only pairs of robot and person are checked. Their minimum clearance is increased by
+        this distance.
         """
         reach = _bounding_radius_m(self._geom_types, geoms.size_m)
         count = len(self._pairs) if extra_clearance_m is None else self._person_pairs
@@ -175,7 +175,7 @@ def _robot_to_itself(model: mujoco.MjModel) -> MinClearances:
 def _may_collide(model: mujoco.MjModel, first: int, second: int) -> bool:
     """Returns whether two geoms of a robot can collide in MuJoCo.
 
-    They cannot if their bodies are parent and child, or if the model excludes the pair.
+    Geoms of a parent and its child body cannot collide. Geoms of pairs that the model excludes cannot collide either.
     """
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     one, other = (int(model.body_weldid[body]) for body in bodies)

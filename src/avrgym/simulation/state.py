@@ -1,4 +1,4 @@
-"""State of N worlds for tasks and observations, and initial states."""
+"""Defines the state of N worlds for tasks and observations, and the initial states of episodes."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ class State(ArmPoses):
     Positions are (N, 3), quaternions (N, 4). ``joint_positions`` (N, J) are radians or metres. ``base_displacement``
     (N, 3) is x, y (m) and yaw (rad) of a driving base in the frame of its start; (N, 0) for other robots.
     ``robot_pos_w`` is the robot's torso, or its base if it has no torso. The pad is the part of the tool that touches
-    people, see ``models.tools.Tool.contact_body``. ``placed_pos_w`` contains the positions of the scene's movable
-    furniture, by body. ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of
+    people, see ``models.tools.Tool.contact_body``. ``placed_pos_w`` contains the positions of movable furniture by name
+    of the body. ``particle_*`` have shape (N, K, 3). The person's body consists of G capsules, in the order of
     ``human.GEOMS``: ``person_segment_w`` (N, G, 2, 3) are the ends of their axes, ``person_radius_m`` (N, G) their
     radii. ``tool_contact_*`` (N, ``MAX_TOOL_CONTACTS``, …) are the tool's strongest contacts with the person. Unused
     rows have force zero. Normals point from the tool to the person. ``cloth_pos_w`` (N, V, 3) are the vertices of the

@@ -11,8 +11,8 @@ from avrgym.array_types import BoolArray
 def remove_unused_computation(model: mujoco.MjModel) -> mujoco.MjModel:
     """Returns a copy of a model without gravity compensation and contact bits that have no effect.
 
-    Gravity compensation has no effect on a body that is fixed to the world. A geom never makes contact if all geoms
-    that its contact bits allow are fixed to the same body. With a static person, this applies to most geoms of a robot
+    Gravity compensation has no effect on a body that is fixed to the world. A geom never has contacts if its contact
+    bits allow only geoms that are fixed to the same body. With a static person, this applies to most geoms of a robot
     on the floor.
     """
     model = copy(model)

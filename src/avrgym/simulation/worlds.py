@@ -50,8 +50,9 @@ __all__ = [
 
 
 MAX_SERVO_LEAD_RAD = 0.08
-"""Maximum difference between a servo's target and the joint position. It limits the force of a blocked servo. For slide
-joints, see ``kinematics.joint_units``."""
+"""Maximum difference between a servo's target and the joint position, in radians. It limits the force of a blocked
+servo. For slide joints, see ``kinematics.joint_units``.
+"""
 
 
 BASE_JOINT_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
@@ -75,7 +76,7 @@ def _compiled(
 
 
 class Simulation:
-    """Simulates N worlds of a scene. Each world has its own person, which each reset sets."""
+    """Simulates N worlds of a scene. Each world has its own person. Each reset sets a new person."""
 
     def __init__(
         self,
@@ -89,16 +90,18 @@ class Simulation:
         engine: str = THREADS,
         on_device: bool = False,
     ) -> None:
-        """Compile the scene.
+        """Compile the scene, and create the worlds.
 
         Args:
             scene: furniture, robot and tool.
-            num_worlds: N.
+            num_worlds: number N of worlds.
             moving: whether the people's joints move; otherwise people are static.
-            num_threads: threads of the host; 0: one per core.
-            by_region: whether ``region_force_n`` is measured. The measurement takes time and changes no other result.
+            num_threads: number of threads on the host; 0 means one per core.
+            by_region: whether ``region_force_n`` is measured. The measurement slows the simulation down, but does not
+                change other results.
             interpolate_person_targets: whether joint targets of moving people are interpolated, see ``command_person``.
-            engine: where physics runs, one of ``engines.engine.ENGINE_CHOICES``. Brakes and live sessions need threads.
+            engine: name of the physics engine, one of ``engines.engine.ENGINE_CHOICES``. Brakes and live sessions need
+                ``threads``.
             on_device: whether states and commands are tensors on the engine's device, see ``make_engine``. Resets run
                 on the host.
 
@@ -137,7 +140,7 @@ class Simulation:
         self._max_lead = MAX_SERVO_LEAD_RAD * units
         of_base = kinematics.joint_units(BASE_JOINT_TYPES if self._drive is not None else ())
         self.configuration_units = np.concatenate([units, of_base])
-        """Units of the joint positions in a configuration, see ``kinematics.Chain.units``."""
+        """Units of the joint positions in a configuration, see ``kinematics.Chain.joint_units``."""
         self._brakes = Brakes(self.batch, scene) if self.engine.name == THREADS else None
         self._region_forces = RegionForceSensors(self.model, self._now.sensordata) if by_region else None
         self._absent_geoms = np.zeros(0, dtype=np.intp)
@@ -204,7 +207,7 @@ class Simulation:
         self.engine.copy_from_host(ids)
 
     def _place_carried(self, ids: IntArray) -> None:
-        """Place particles and cloth on the tool."""
+        """Place particles and cloth on the tools in worlds ``ids`` (n,)."""
         tool, host, names = self.scene.tool, self._host, self._names
         carried = ((tool.particles, names.particle_qpos), (tool.cloth, names.cloth_qpos))
         if all(part is None for part, _ in carried):
@@ -217,7 +220,7 @@ class Simulation:
                 host.qpos[ids[:, None, None], qpos] = pos
 
     def command_robot(self, action: FloatArray, world_mask: BoolArray | None = None) -> None:
-        """Command speeds for the next steps: actions (N, A) in [−1, 1], that is, speeds divided by their limits.
+        """Command the robots' speeds for the next steps. Actions (N, A) in [−1, 1] are speeds divided by their limits.
 
         If a wheel would exceed its speed limit, the base drives the same curve more slowly. ``world_mask`` (N,) limits
         the command to some worlds; it is not available on a device.
@@ -418,8 +421,8 @@ class Simulation:
     def action_to_configuration(self, configuration: FloatArray, duration_s: float) -> FloatArray:
         """Returns the speeds (N, A) that reach a configuration after ``duration_s``, divided by the speed limits.
 
-        Arms start at their servo targets. A drive covers the forward distance and the rotation. It cannot cover the
-        sideways distance.
+        The motion of an arm starts at its servo targets. A drive covers the forward distance and the rotation, but not
+        a sideways distance.
         """
         share = (configuration[:, : len(self._speed_limit)] - self.joint_targets()) / (
             duration_s * self._speed_limit
@@ -453,7 +456,7 @@ class Simulation:
         self.engine.copy_from_host(np.array([world]))
 
     def snapshot(self) -> dict[str, dict[str, NumpyArray]]:
-        """Returns all data that determine the next steps of all worlds, with the current sensor values."""
+        """Returns all data that determine the next steps of all worlds, and the current sensor values, by name."""
         self.engine.copy_to_host(np.arange(self.num_worlds))
         return {
             "fields": {name: array.copy() for name, array in self._expanded().items()},
@@ -481,7 +484,7 @@ class Simulation:
         self._now = replace(self.engine.world_arrays, sensordata=to_device_of(forces, self.example_array))
 
     def _expanded(self) -> dict[str, NumpyArray]:
-        """Returns the model fields that differ between worlds, by name."""
+        """Returns the values of the model fields that differ between worlds, by name."""
         names = [name for name in dir(self.model) if isinstance(getattr(self.model, name, None), np.ndarray)]
         names += [f"opt.{name}" for name in dir(self.model.opt) if not name.startswith("_")]
         return {name: self.batch.expand(name) for name in names if _is_expanded(self.batch, name)}
@@ -527,5 +530,5 @@ def _is_expanded(batch: Batch, name: str) -> bool:
 
 
 def _added_up(strongest_first: FloatArray) -> FloatArray:
-    """Returns sums (N,) of forces (N, C), added in order. Zeros at the end therefore change no bit."""
+    """Returns the sums (N,) of forces (N, C). They are added in order, and zeros at the end therefore change no bit."""
     return namespace(strongest_first).cumulative_sum(strongest_first, axis=-1)[:, -1]

@@ -1,4 +1,4 @@
-"""Child processes that exit with their parent and ignore signals of the terminal."""
+"""Configures child processes: they exit with their parent, and ignore signals of the terminal."""
 
 import multiprocessing
 import os
@@ -8,7 +8,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 TERMINAL_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGHUP") if hasattr(signal, name))
-"""Signals that a terminal sends to the parent and to its children."""
+"""Signals that a terminal sends to a process and its children: interrupt (Ctrl+C) and hang-up."""
 
 
 @contextmanager

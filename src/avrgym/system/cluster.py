@@ -1,7 +1,8 @@
 """Run function calls on the computers of a Ray cluster. Requires the extra ``cluster``.
 
 A worker is a process on any node. It runs one call after another. If a worker or node dies, another worker repeats the
-call. A repeated call must give the same result: it depends only on its arguments, or continues its own unfinished work.
+call. A repeated call must return the same result. A function must therefore depend only on its arguments, or continue
+its own unfinished work.
 """
 
 import importlib.metadata
@@ -27,7 +28,7 @@ CONNECTION_TIMEOUT_S = 5.0
 WORKER_START_TIMEOUT_S = 300.0
 """Maximum time until the first worker starts. Some clusters start computers on demand."""
 MAX_WORKER_DEATHS = 8
-"""Number of worker processes that may end unexpectedly in the same call. Then the call fails."""
+"""Number of unexpected ends of worker processes in one call after which the call fails."""
 BASE_WORKER_BYTES = 400 << 20
 """Memory of a worker process without worlds."""
 ENV_VAR_PREFIX = "AVRGYM_"
@@ -52,7 +53,7 @@ class _Worker:
 
 @dataclass
 class _Running:
-    """A worker, and the number of its current call; ``None`` while the worker starts."""
+    """A worker, and the number of its current call. The number is ``None`` while the worker starts."""
 
     worker: Any
     number: int | None
@@ -169,7 +170,7 @@ class Cluster:
         self._idle.append(started.worker)
 
     def _check_idle(self) -> None:
-        """Call ``start`` of all idle workers again. Workers on a failed node then raise an error and are removed."""
+        """Call ``start`` of all idle workers again, to find and remove workers on a failed node."""
         for worker in self._idle:
             self._starting[worker.start.remote(self._variables)] = _Running(worker, None)
         self._idle.clear()
@@ -204,8 +205,8 @@ class _Calls:
         self.reported += reported
 
     def died(self, number: int, error: Exception) -> None:
-        """Queue a call again after its worker ended. Raises ``RuntimeError`` if this happened ``MAX_WORKER_DEATHS``
-        times.
+        """Queue a call again after its worker ended unexpectedly. Raises ``RuntimeError`` after ``MAX_WORKER_DEATHS``
+        such ends.
         """
         self._deaths[number] += 1
         if self._deaths[number] == MAX_WORKER_DEATHS:

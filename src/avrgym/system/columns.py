@@ -15,10 +15,11 @@ TYPE_NAMES: Mapping[Any, str] = {str: TEXT, int: INTEGER, float: NUMBER, bool: B
 
 @dataclass(frozen=True)
 class Column:
-    """Description of a table column.
+    """Description of a table column for codebooks.
 
-    ``type``: type of the values; default: the annotated type. ``unit``: default ``1`` for numbers. ``allowed``: the
-    allowed values. ``empty``: the meaning of an empty cell; without this text, no cell is empty.
+    ``type``: type of the values, by default the annotated type. ``unit``: unit of the values, by default ``1`` for
+    numbers. ``allowed``: the allowed values. ``empty``: the meaning of an empty table cell; without this text, all
+    cells have values.
     """
 
     meaning: str

@@ -32,7 +32,7 @@ def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
 
 
 def leftover_temporary_files(folder: Path) -> list[Path]:
-    """Returns the temporary files of ``write_atomically`` in a folder and its subfolders that killed processes left."""
+    """Returns the temporary files of killed processes in a folder and its subfolders, see ``write_atomically``."""
     found = ((path, _UNFINISHED.fullmatch(path.name)) for path in folder.rglob(".*.part"))
     return sorted(path for path, match in found if match and not is_process_running(int(match[1])))
 
@@ -135,7 +135,7 @@ def read_user_text(path: Path) -> str:
 
 
 def bom_variants(data: bytes) -> tuple[bytes, bytes]:
-    """Returns the bytes of a UTF-8 text: first without, then with a byte-order mark (BOM)."""
+    """Returns the bytes of a UTF-8 text ``data``: first without, then with a byte-order mark (BOM)."""
     text = data.removeprefix(codecs.BOM_UTF8)
     return text, codecs.BOM_UTF8 + text
 

@@ -1,4 +1,4 @@
-"""Run function calls in several processes."""
+"""Runs function calls in several processes of this computer."""
 
 import multiprocessing
 import os
@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 POLL_INTERVAL_S = 0.5
 _add: Callable[[int], None] | None = None
-"""Function that adds to the progress of this process; ``None`` if progress is not counted."""
+"""Function that receives the progress reports of this process; ``None`` if reports are not counted."""
 
 
 def available_core_count() -> int:
@@ -62,7 +62,7 @@ def starmap(
 
 
 def report_progress(done: int) -> None:
-    """Reports progress of a call: ``done`` is the amount of work since the last report."""
+    """Report the progress of a call: ``done`` is the amount of work since the previous report."""
     assert _add is not None
     _add(done)
 

@@ -33,9 +33,9 @@ def lock_folder(folder: Path, name: str = LOCK_FILE) -> Generator[None]:
 
 @contextmanager
 def lock_number(path: Path, number: int, wait_s: float) -> Generator[None]:
-    """Context manager: lock a number in a file, which is created if it is missing.
+    """Context manager: lock a number in the file ``path``. A missing file is created.
 
-    ``wait_s``: maximum time in seconds to wait for another process. Raises ``TimeoutError`` after it.
+    ``wait_s``: maximum time in seconds to wait for another process. After this time, raises ``TimeoutError``.
     """
     ends_s = time.monotonic() + wait_s
     with open(path, "a", opener=private_opener) as file:

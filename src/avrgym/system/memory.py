@@ -6,8 +6,9 @@ import platform
 from functools import cache
 
 MMAP_THRESHOLD_BYTES = 4 << 20
-"""Freed memory blocks of this size or more are returned to the system. The memory arenas of worlds are larger (12 MiB
-and more). The arrays of a control step are smaller."""
+"""Freed memory blocks of this size or more are returned to the system. The memory arenas of worlds are larger; the
+arrays of a control step are smaller.
+"""
 _M_MMAP_THRESHOLD = -3
 """Parameter number in glibc, see `mallopt(3)`."""
 
@@ -16,8 +17,8 @@ _M_MMAP_THRESHOLD = -3
 def set_mmap_threshold() -> None:
     """Configure glibc to return freed blocks of 4 MiB or more to the system. Only the first call has an effect.
 
-    By default, glibc may not return freed blocks of up to 32 MiB. The worlds of successive trials are then at
-    different addresses, and memory grows by 100 MiB in 140 trials. Other C libraries do not need this setting.
+    By default, glibc may not return freed blocks of up to 32 MiB. The memory of a session would then grow from trial to
+    trial. Other C libraries do not need this setting.
     """
     if platform.libc_ver()[0] == "glibc":
         ctypes.CDLL(None).mallopt(_M_MMAP_THRESHOLD, MMAP_THRESHOLD_BYTES)

@@ -1,4 +1,4 @@
-"""Configure MuJoCo: rendering backend and log. The backend must be chosen before MuJoCo is imported."""
+"""Configures MuJoCo's rendering backend and log. The backend must be chosen before MuJoCo is imported."""
 
 import ctypes
 import logging

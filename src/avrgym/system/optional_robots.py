@@ -1,9 +1,11 @@
-"""Packaged robots whose meshes are in another package. An extra of AVR Gym installs that package."""
+"""Packaged robots with meshes in another package. An extra of AVR Gym installs this package."""
 
 from importlib.util import find_spec
 
 MESH_PACKAGE_BY_ROBOT = {"Stretch": "stretch_urdf"}
-"""Package with the meshes of each robot. The name of the extra is the robot's name in lower case."""
+"""Python package with the meshes of each robot, by name of the robot. The name of the extra is the robot's name in
+lower case.
+"""
 
 
 def _is_installed(package: str) -> bool:

@@ -13,7 +13,7 @@ from typing import Protocol, TypeVar
 
 
 class NamedObject(Protocol):
-    """An object with a name, which a plug-in provides."""
+    """Interface of an object that a plug-in provides: it has a name."""
 
     @property
     def name(self) -> str: ...
@@ -21,7 +21,7 @@ class NamedObject(Protocol):
 
 T = TypeVar("T", bound=NamedObject)
 TASK_GROUP, ROBOT_GROUP, CONTROLLER_GROUP = "avrgym.tasks", "avrgym.robots", "avrgym.controllers"
-"""Names of entry point groups."""
+"""Names of the entry point groups of Python packages for tasks, robots and controllers."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
 """Entry points of loaded objects, by group and name."""

@@ -7,7 +7,7 @@ from pathlib import Path
 def is_process_running(process: int) -> bool:
     """Returns whether a process with this id is running; ``True`` if this cannot be determined.
 
-    On Linux, a zombie process counts as not running.
+    On Linux, returns ``False`` for a zombie process.
     """
     if os.name != "posix":
         return True

@@ -50,7 +50,7 @@ def evaluation_generators(split: Split, seed: int, numbers: Iterable[int]) -> li
 
 
 def training_episode_generator(seed: int) -> Generator:
-    """Returns the random generator for the person and initial state of an episode; ``seed`` comes from
+    """Returns the random generator for the person and initial state of a training episode. ``seed`` is sampled by
     ``episode_seed_generator`` or ``hard_episode_generator``.
     """
     return default_rng(seed)
@@ -62,16 +62,14 @@ def episode_seed_generator(seed: int, update: int) -> Generator:
 
 
 def imitation_generator(seed: int, update: int) -> Generator:
-    """Returns the random generator for the worlds that the expert controls in one update, and for the minibatches of
-    this update.
+    """Returns the random generator for one imitation update: for the worlds that the expert controls, and for the
+    minibatches.
     """
     return default_rng([seed, 2, update])
 
 
 def hard_episode_generator(seed: int, steps: int) -> Generator:
-    """Returns the random generator for the seeds of the new and the repeated episodes in one update of a feed-forward
-    policy.
-    """
+    """Returns the random generator for the seeds of the episodes in one update of a feed-forward policy."""
     return default_rng([seed, 3, steps])
 
 
@@ -156,7 +154,7 @@ def practice_robot_generator(seed: int, group: int) -> Generator:
 
 
 def site_cell_generator(seed: int, site: str) -> Generator:
-    """Returns the random generator for the order in which a site fills the cells of the design."""
+    """Returns the random generator for the order in which a study site assigns trial orders to participants."""
     return default_rng([seed, 2**32 - 2, *site.encode()])
 
 
@@ -233,7 +231,7 @@ def permutation_generator(seed: int) -> Generator:
 
 
 def sign_flip_generator() -> Generator:
-    """Returns the random generator for the sampled sign flips of paired tests with many participants."""
+    """Returns the random generator for the sign flips of paired permutation tests with many participants."""
     return default_rng(0)
 
 

@@ -1,4 +1,4 @@
-"""Conversion of plain values to structs, with errors in words."""
+"""Converts values of JSON types to structs. Error messages contain the allowed values."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -11,9 +11,9 @@ StructType = TypeVar("StructType", bound=msgspec.Struct)
 
 
 def convert_to_struct(values: Any, kind: type[StructType], *, strict: bool = True) -> StructType:
-    """Returns a struct with plain values.
+    """Returns a struct of type ``kind`` with the values of a table of JSON types.
 
-    ``strict``: whether texts are not converted to numbers.
+    ``strict``: whether to reject numbers in the form of text. If it is false, such texts are converted to numbers.
 
     Raises:
         ValueError: for an unknown field, or a value that is not allowed. The message contains the field's name, its
@@ -55,7 +55,7 @@ def _type_below(whole: inspect.Type, key: str | int) -> inspect.Type:
 
 
 def _plain_type(kind: inspect.Type) -> inspect.Type:
-    """Returns the type without its description, and of an optional type the other one."""
+    """Returns the type without its annotations. For an optional type, returns the type that is not ``None``."""
     if isinstance(kind, inspect.Metadata):
         return _plain_type(kind.type)
     if isinstance(kind, inspect.UnionType):
@@ -70,7 +70,7 @@ def _value_below(whole: Any, key: str | int) -> Any:
 
 
 def _describe_type(kind: inspect.Type) -> str:
-    """Returns the allowed values in words; empty for structs."""
+    """Returns a text with the allowed values of a type; an empty text for structs."""
     match _plain_type(kind):
         case inspect.LiteralType(values=values):
             return ", ".join(str(each) for each in values)

@@ -9,7 +9,7 @@ from tomlkit.exceptions import TOMLKitError
 from avrgym.system.type_guards import is_table
 
 ValuePath = tuple[str | int, ...]
-"""Path of a value in a TOML document: keys and indices."""
+"""Path of a value in a TOML document: keys of tables and indices of arrays."""
 
 _MARK = "avrgym-marks-this-place"
 
@@ -27,7 +27,7 @@ def line_number(text: str, place: ValuePath) -> int:
 
 
 def _marked_line(text: str, place: ValuePath) -> int:
-    """Returns the line number of a value, from 1. A marker replaces the value; its position gives the line."""
+    """Returns the line number of a value, from 1. A marker replaces the value; the line of the marker is returned."""
     document: Any = tomlkit.parse(text)
     parent: Any = document
     for key in place[:-1]:

@@ -30,13 +30,13 @@ class TransferredFile:
     def local_path(self) -> str:
         """Returns a path of the files on this computer.
 
-        This is the name, if identical files are at this path; otherwise the path of a temporary copy.
+        This is ``name`` if identical files exist there. Otherwise it is the path of a temporary copy.
         """
         found = all(path.is_file() and path.read_bytes() == content for path, content in self._at(self.name))
         return self.name if found else _copy(self)
 
     def write(self, path: Path) -> None:
-        """Write the file, or the folder's files, to a path."""
+        """Write the file, or the files of the folder, to ``path``."""
         for file, content in self._at(path):
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)

@@ -22,7 +22,7 @@ PRINTED_HASH_DIGITS = 12
 
 
 class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A plug-in at the time of its use.
+    """Identification of a plug-in at the time of its use.
 
     ``name``: name of the task, robot or controller. ``entry_point``: ``NAME = MODULE:ATTRIBUTE``, or
     ``MODULE:ATTRIBUTE`` for code outside a package; ``package`` and ``version`` are then empty. ``sha256``: hash of the
@@ -71,7 +71,7 @@ def plugin_of_controller(name: str) -> UsedPlugin:
 
 
 def differences(before: Iterable[UsedPlugin], now: Iterable[UsedPlugin]) -> list[str]:
-    """Returns a text for each plug-in whose package, version or files differ between ``before`` and ``now``."""
+    """Returns a text for each plug-in with a different package, version or files in ``before`` and ``now``."""
     old, new = ({each.label: each for each in plugins} for plugins in (before, now))
     return [
         f"{label} was {old.get(label, 'not stored')}, is {new.get(label, 'not a plug-in here')}"
@@ -99,7 +99,7 @@ def content_sha256(module: str) -> str:
 
 
 def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
-    """Returns the SHA-256 of names and contents of files. Raises ``OSError`` if one cannot be read."""
+    """Returns the SHA-256 of names and contents of files. Raises ``OSError`` if a file cannot be read."""
     found = hashlib.sha256()
     for name, path in sorted(files):
         data = path.read_bytes()
@@ -108,8 +108,9 @@ def files_sha256(files: Iterable[tuple[str, Path]]) -> str:
 
 
 def _root(module: str) -> Path | None:
-    """Returns the folder of the module's outermost package (without namespace packages), or the module's file, or
-    None."""
+    """Returns the folder of the module's outermost package (without namespace packages). Without a package, returns the
+    module's file; ``None`` if there is no file.
+    """
     parts = module.split(".")
     for count in range(1, len(parts) + 1):
         try:
@@ -123,8 +124,9 @@ def _root(module: str) -> Path | None:
 
 
 def _files(root: Path) -> list[tuple[str, Path]]:
-    """Returns names and paths of the files of a module or package. The modules in the same folder that it imports are
-    included."""
+    """Returns names and paths of the files of a module or package. Modules in the same folder are included if the
+    module imports them.
+    """
     found = dict[str, Path]()
     places, others = [root], _neighbours(root)
     while places:

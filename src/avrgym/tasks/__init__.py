@@ -1,1 +1,1 @@
-"""The tasks (one folder and one ``Task`` each), their initial states, episodes and control loop."""
+"""The tasks (one folder and one ``Task`` each), initial states, episodes and the control loop."""

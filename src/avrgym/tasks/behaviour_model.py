@@ -1,6 +1,7 @@
 """Behaviour model of N people: computes their joint targets.
 
-People are still, have tremor, cooperate, or behave like partners of the zoo. ``people.motor`` moves their joints.
+People hold still, have tremor, cooperate with the robot, or behave like partners of the zoo. ``people.motor`` moves
+their joints.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +28,7 @@ class BehaviourModel:
     """Computes the joint targets of N people of one distribution, each in an independent episode.
 
     With ``people.motor``, call ``choose_goal_angles`` every 0.1 s. Between these calls, ``next_joint_targets`` returns
-    the targets. With version 1 of the motion, call ``step`` every 0.1 s.
+    the targets. With version 1 of the motion model, call ``step`` every 0.1 s.
     """
 
     def __init__(
@@ -40,13 +41,13 @@ class BehaviourModel:
         human_actions: bool,
         example_array: Any = None,
     ) -> None:
-        """Start with the initial state of these people.
+        """Create the behaviour model in the initial state of ``people``.
 
         Args:
             distribution: describes how people behave.
-            people: their bodies.
+            people: their body parameters.
             offered: body part that people bring to the tool.
-            posture: sitting or reclined.
+            posture: posture of the people, seated or reclined.
             human_actions: whether only actions move people, see ``move_targets``.
             example_array: an array on the device of the state, if it differs from the device of ``people``.
         """
@@ -92,7 +93,7 @@ class BehaviourModel:
     def move_targets(self, joints: Sequence[str], action: FloatArray, limit: JointLimiter) -> None:
         """Move the targets of the joints named ``joints`` for one control step.
 
-        Actions (N, K) are joint speeds, divided by the speeds of unhurried people.
+        Actions (N, K) are joint speeds, divided by ``people.motor.MAX_JOINT_SPEED_RAD_S``.
         """
         targets = partner_behaviour.move_joint_targets(self._state.joint_targets_rad, joints, action)
         self._state = replace(self._state, joint_targets_rad=limit(targets))
@@ -104,11 +105,11 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> FloatArray:
-        """Advance the people's motion, version 1, by 0.1 s. Returns the joint targets (N, 20).
+        """Advance the motion of people by 0.1 s, with version 1 of the motion model. Returns the joint targets (N, 20).
 
         Args:
             observe: returns the people's observation; called only if the people react to the tool.
-            people: their bodies.
+            people: their body parameters.
             limit: limits joint angles to the people's ranges.
             world_mask: mask (N,) of the worlds to advance; ``None``: all. The targets of other worlds are invalid.
         """

@@ -37,9 +37,9 @@ if TYPE_CHECKING:
     from avrgym.tasks.episodes import Episodes
 
 NEAR_CLIP_M, FAR_CLIP_M = 0.02, 20.0
-"""Smallest and largest rendered distance.
+"""Minimum and maximum rendered distance from the camera.
 
-Shadows are not rendered: without a graphics card they would take two thirds of the time.
+Shadows are not rendered, because they are slow without a graphics card.
 """
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
 HIDDEN_GEOM_GROUP = 5
@@ -55,7 +55,7 @@ class CameraImages:
     """
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
-        """Store the cameras, from ``models.cameras.parse_cameras``."""
+        """Store the worlds and the cameras. ``models.cameras.parse_cameras`` returns such cameras."""
         self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes
@@ -204,7 +204,7 @@ class _SexModel:
     def _outside(self, camera: CameraSpec, number: int) -> BoolArray:
         """Returns a boolean mask of geoms that are completely outside of an image.
 
-        Rendering without them takes a fifth less time.
+        Rendering without these geoms is faster.
         """
         model, data = self.model, self._data
         pos = (data.geom_xpos - data.cam_xpos[number]) @ data.cam_xmat[number].reshape(3, 3)
@@ -233,7 +233,7 @@ class _SexModel:
 def _owned_context() -> Any:
     """Returns a class of graphics contexts that only ``CameraImages.close`` frees.
 
-    Garbage collection would free a context before the memory of its models.
+    Otherwise, garbage collection could free a context before the memory of its models.
     """
 
     def ignore(context: Any) -> None:

@@ -12,7 +12,7 @@ EPISODE_STEPS = 200
 SIMULATION_VERSION = 2
 """Version of the simulation: physics, initial states and rewards. Recordings store this version.
 
-If the versions differ, the recorded actions may lead to different states.
+With another version, the recorded actions may lead to different states.
 """
 
 
@@ -28,7 +28,7 @@ PACKAGED_ENVIRONMENTS = tuple(
 PAPER_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
 )
-"""Environments of Erickson, Gu and Kemp (2020). These environments have packaged policies."""
+"""Ids of the environments in the paper (Erickson, Gu and Kemp, 2020). These environments have packaged policies."""
 
 
 def skippable_errors(environment_id: str) -> tuple[type[Exception], ...]:

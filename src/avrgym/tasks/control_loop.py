@@ -27,8 +27,8 @@ class StepOutcome:
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
     ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) is the mask of worlds in which
-    the force guard, the withdrawal or the pacing layer replaced the commanded action. ``guard_interventions`` (N,) is
-    the number of interventions of the guard in the episode. Both are ``None`` if no such layer is on.
+    a layer (force guard, withdrawal or pacing) replaced the commanded action. ``guard_interventions`` (N,) is the
+    number of interventions of the guard in the episode. Both are ``None`` without such a layer.
     """
 
     observation: FloatArray
@@ -93,7 +93,7 @@ class ControlLoop:
             force_guard: whether a force guard overrides actions; needs forces by body region.
             withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
             reward_withdrawal: whether steps that the withdrawal controls are rewarded.
-            rules: the participants' commands and preferences; ``None``: no pacing layer.
+            rules: the allowed commands and the preferences of participants. ``None``: no pacing layer.
         """
         self._episodes, self._simulation = episodes, episodes.simulation
         withdraws = withdraw_after_success and episodes.task.withdraws_after_success
@@ -138,7 +138,7 @@ class ControlLoop:
 
     @property
     def withdrawing(self) -> BoolArray:
-        """Boolean mask (N,): worlds whose robot withdraws after success, or waits after the withdrawal."""
+        """Boolean mask (N,): worlds in which the robot withdraws after success, or waits after the withdrawal."""
         if self.withdrawal is None:
             return np.zeros(self._simulation.num_worlds, dtype=bool)
         return self.withdrawal.active_mask
@@ -212,7 +212,7 @@ class ControlLoop:
         return self._finish()
 
     def _execute(self, actions: FloatArray) -> None:
-        """Start a control step with actions (N, A), which the guard may override."""
+        """Start a control step with actions (N, A). The guard may override them."""
         self._executed = actions if self.guard is None else self.guard.begin_step(actions)
         self._episodes.command_robots(self._executed)
 
@@ -243,8 +243,8 @@ class ControlLoop:
     def tick(self, source: ActionSource | None, *, hold: bool = False) -> FirstWorldStep | None:
         """Advance by 10 ms. Returns the completed control step after its last tick, otherwise ``None``.
 
-        Without a source, no control step is in progress. With ``hold``, the commanded actions are not executed: the
-        brakes hold the robots. An intervention of the guard still moves the robots. While the withdrawal controls all
+        Without a source, no control step is in progress. With ``hold``, the brakes hold the robots, and the commanded
+        actions are not executed. Interventions of the guard still move the robots. While the withdrawal controls all
         worlds, the source is not called.
         """
         self.applied_action = None
@@ -266,7 +266,9 @@ class ControlLoop:
         return FirstWorldStep(self._first_observation[0], self._executed[0], outcome, withdrawing)
 
     def advance_with_action(self, actions: FloatArray | None, *, hold: bool = False) -> None:
-        """Advance all worlds by 10 ms outside of control steps. New actions (N, A) are optional."""
+        """Advance all worlds by 10 ms outside of control steps. ``actions`` (N, A) replace the current actions, unless
+        they are ``None``.
+        """
         self.applied_action = None
         if actions is not None:
             self._executed = actions
@@ -280,7 +282,7 @@ class ControlLoop:
         return bool(self._executed.any())
 
     def abort_step(self) -> None:
-        """Discard an unfinished control step and its action."""
+        """Discard an unfinished control step and its actions. The next ``tick`` starts a new control step."""
         self._substep, self._executed = 0, self._zeros
         self.applied_action = self._observation = None
 

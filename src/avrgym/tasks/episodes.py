@@ -48,11 +48,9 @@ ACTION_PENALTY_TERM = "action_squared"
 MAX_TOOL_POSITION_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
 MAX_REACH_SAMPLES = 10
-"""Maximum number of sampled initial states. Samples with a larger error than ``MAX_TOOL_POSITION_ERROR_M`` are
-rejected.
-"""
+"""Maximum number of initial states that are sampled until the error is below ``MAX_TOOL_POSITION_ERROR_M``."""
 MAX_START_SAMPLES = 100
-"""Maximum number of sampled initial states. Samples with overlapping bodies are rejected."""
+"""Maximum number of initial states that are sampled until no bodies overlap."""
 
 
 class Episodes:
@@ -80,33 +78,33 @@ class Episodes:
         rules: TrialRules | None = None,
         settings: Settings = DEFAULT_SETTINGS,
     ) -> None:
-        """Compile the scene.
+        """Compile the scene, and create the worlds.
 
         Args:
-            environment_id: such as ``avrgym/FeedingJaco-v1``.
-            num_worlds: N.
+            environment_id: environment id such as ``avrgym/FeedingJaco-v1``.
+            num_worlds: number N of worlds.
             people: a name in ``people.distributions.NAMED_DISTRIBUTIONS``, a people file, a trained human or a folder
                 of trained humans.
             person: one fixed person for every episode, instead of ``people``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             moving: whether the caller moves people's joints, with ``Simulation.command_person``.
-            num_threads: threads for the physics; 0: one per core.
+            num_threads: number of threads for physics; 0 means one per core.
             by_region: whether forces are measured by region of the body, see ``Simulation.region_force_n``.
             human_actions: whether people execute actions, see ``command_people``. Otherwise a behaviour model moves
                 them.
-            engine: where physics runs, one of ``simulation.engines.engine.ENGINE_CHOICES``.
+            engine: name of the physics engine, one of ``simulation.engines.engine.ENGINE_CHOICES``.
             on_device: whether control steps run on the engine's device. ``step`` then takes and returns tensors,
                 without copies to the host. Call ``check_device_results`` once per episode. The host computes initial
                 states.
             withdraw_after_success: whether the robot withdraws its tool after success, see ``safety.withdrawal``. This
                 applies to tasks that end with success. Steps that the withdrawal controls have reward 0.
             force_guard: whether a force guard overrides actions that endanger people, see ``safety.force_guard``.
-            rules: commands and preferences of the people, see ``safety.pacing``; ``None``: no pacing layer, or
-                ``PARTNER_RULES`` for people that give commands.
-            settings: changes of scene and control.
+            rules: allowed commands and preferences of the people, see ``safety.pacing``. With ``None``, people that
+                give commands have ``PARTNER_RULES``; other people have no pacing layer.
+            settings: settings of scene and control that differ from the defaults.
 
         Raises:
-            ValueError: for unknown names (the message lists the allowed ones), and for more worlds than memory allows.
+            ValueError: for unknown names (the message lists the allowed names), and for more worlds than memory allows.
             RuntimeError: if a package that the engine needs is not installed.
         """
         if withdraw_after_success and engine != THREADS:
@@ -210,7 +208,9 @@ class Episodes:
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns arguments and state. A copy continues bit-identically. It reads a people file again."""
+        """Returns arguments and state for copying and pickling. A copy continues bit-identically. It reads a people
+        file again.
+        """
         return {
             "environment_id": self.environment_id,
             "num_worlds": self.simulation.num_worlds,
@@ -291,7 +291,7 @@ class Episodes:
         )
 
     def reset_to_start(self, start: EpisodeStart) -> None:
-        """Start an episode in the first world from a stored initial state, with the fixed person.
+        """Start an episode in the first world from a stored initial state, with the person of ``set_person``.
 
         Raises:
             KeyError, TypeError, ValueError: for an initial state of another environment.
@@ -392,7 +392,8 @@ class Episodes:
     ) -> Iterable[tuple[CommandName, BoolArray]]:
         """Returns the commands of simulated people for the next control step, each with a mask (N,) of worlds.
 
-        ``waiting`` and ``speed_factor`` (N,) are those of the pacing layer.
+        ``waiting`` (N,) and ``speed_factor`` (N,) are the mask of waiting robots and the speed factors of the pacing
+        layer.
         """
         if self._people.commands is None:
             return ()
@@ -426,8 +427,8 @@ class Episodes:
         """Command the people's joints for the next control step.
 
         Args:
-            action: (N, K), speed of each of ``offered_joints``, divided by the speed of unhurried people. Values are
-                clipped to [−1, 1]. No joint exceeds its range.
+            action: (N, K), speed of each of ``offered_joints``, divided by its maximum
+                ``people.motor.MAX_JOINT_SPEED_RAD_S``. Values are clipped to [−1, 1]. No joint exceeds its range.
         """
         self._people.command_joint_targets(action)
 

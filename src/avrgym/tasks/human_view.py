@@ -26,8 +26,9 @@ class HumanObservationInputs:
     """The values from which N human observations are computed; world frame, metres, radians, newtons.
 
     Positions are (N, 3), quaternions (N, 4). ``tool_from_goals_w`` contains an array (N, 3) for each entry of
-    ``HumanObserver.goals``. ``joint_angles_rad`` is (N, 20). ``arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist
-    of the offered arm. ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the tool.
+    ``HumanObserver.goals``. ``joint_angles_rad`` is (N, 20). ``arm_pos_w`` (N, 3, 3) are shoulder, elbow and wrist of
+    the arm that people offer. ``total_force_n`` (N,) is the force of robot and tool, ``tool_force_n`` (N,) that of the
+    tool.
     """
 
     hips_pos_w: FloatArray
@@ -51,8 +52,8 @@ class HumanObserver:
     - position (3) and quaternion (4) of the tool;
     - position of the tool relative to its goal (3), if the robot observes it;
     - all 20 joint angles;
-    - if an arm is offered, positions of its shoulder, elbow and wrist (9); otherwise position (3) and quaternion (4)
-      of the head;
+    - if an arm is the offered body part, positions of its shoulder, elbow and wrist (9); otherwise position (3) and
+      quaternion (4) of the head;
     - the force of robot and tool (1), and the force of the tool (1).
     """
 
@@ -64,7 +65,7 @@ class HumanObserver:
         goals = [MAX_DISTANCE_M] * sum(entry.size for entry in self.goal_entries)
         tool, angles = [MAX_DISTANCE_M] * 3 + [MAX_QUATERNION_COMPONENT] * 4, [MAX_ANGLE_RAD] * len(JOINTS)
         self.bound = np.array(tool + goals + angles + body + [MAX_FORCE_N] * 2)
-        """Bound of the absolute value of each number, (O,)."""
+        """Bounds (O,) of the absolute value of each number of the observation."""
         scales = [entry.scale for entry in self.goal_entries for _ in range(entry.size)]
         self.scale = np.array(
             [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
@@ -77,11 +78,11 @@ class HumanObserver:
 
     @property
     def size(self) -> int:
-        """Length O of an observation."""
+        """Length O of a human observation."""
         return len(self.bound)
 
     def compute(self, inputs: HumanObservationInputs) -> FloatArray:
-        """Returns observations (N, O)."""
+        """Returns the observations (N, O) of the human agents."""
         turned_back = transforms.conjugate(inputs.hips_q_w)
         parts = [
             transforms.rotate(turned_back, inputs.tool_pos_w - inputs.hips_pos_w),

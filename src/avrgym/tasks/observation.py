@@ -16,9 +16,9 @@ EntryFunction = Callable[[State, Any], FloatArray]
 """Function that computes the values of an entry (N, k), or (N,) for one value. Arguments: state and task state."""
 
 MAX_DISTANCE_M = 3.0
-"""Bound of a distance. Arms reach less than 1.5 m. The head is less than 1.5 m from the robot's base."""
+"""Bound of a distance. Arms reach less than 1.5 m, and the head is less than 1.5 m from the robot's base."""
 MAX_ANGLE_RAD = 7.0
-"""Bound of a joint position. Ranges end at ±2π; soft limits allow slightly more.
+"""Bound of a joint position. Joint ranges end at ±2π; soft limits allow slightly more.
 
 Slides and bases move by less than 7 m.
 """
@@ -90,12 +90,12 @@ class Observation:
 
     @property
     def size(self) -> int:
-        """Number of values O."""
+        """Number O of values in an observation."""
         return sum(entry.size for entry in self.entries)
 
     @property
     def bound(self) -> FloatArray:
-        """Bounds (O,): no value exceeds ±bound."""
+        """Bounds (O,) of the absolute value of each value."""
         return self._each([entry.bound for entry in self.entries])
 
     @property

@@ -14,8 +14,8 @@ FLOOR_HEIGHT_M = 0.03
 def particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:
     """Returns the mask (N, K) of those ``candidates`` (N, K) that touch the person.
 
-    A particle touches the person within 2 mm of a capsule's surface. If a particle is nearer to the tool than the
-    person is, its distance is not computed.
+    A particle touches the person within 2 mm of a capsule's surface. The distance is not computed for particles that
+    are nearer to the tool than the person is.
     """
     margin = radius_m + TOUCH_MARGIN_M
     reach = norm(state.particle_pos_w - state.tool_pos_w[:, None]) + margin

@@ -13,7 +13,7 @@ TURNED_HEAD_POSE = Pose(
     rest_rad=SEATED_POSE_RAD,
     spread_rad=np.array([np.radians(30.0) if joint.body == "head" else 0.0 for joint in JOINTS.values()]),
 )
-"""Seated, the head turned by up to 30° about each axis (paper, section IV)."""
+"""Initial pose: seated, the head turned by up to 30° about each axis (paper, section IV)."""
 ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM_JOINT_MASK, np.radians(10.0), 0.0)
 """Maximum random offset of each joint of the right arm from the rest pose (20,) (paper, section V)."""
 
@@ -32,6 +32,8 @@ def force_above_limit(force_n: FloatArray) -> FloatArray:
 
 
 def move_above_sleeve(places: FloatArray) -> FloatArray:
-    """Returns points (..., 3) in the limb's frame, moved outwards from the collision shape to above skin and sleeve."""
+    """Returns points (..., 3) in the limb's frame, moved outwards from the collision shape. Markers there are visible
+    above skin and sleeve.
+    """
     outwards = places * constant_like(LATERAL_AXES, places)
     return places + SKIN_MARGIN_M * transforms.normalize(outwards)

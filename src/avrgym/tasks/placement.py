@@ -26,7 +26,7 @@ from avrgym.tasks.rehearsal import CollisionPathCost, GoalPathCost
 NUM_UNIFORMS = base_search.NUM_UNIFORMS
 """Number of uniform random numbers for the base search.
 
-With a fixed base, the restarts of the inverse kinematics use these numbers. They are enough for 75 joints.
+With a fixed base, the restarts of the inverse kinematics use these numbers.
 """
 X_AXIS, Z_AXIS = [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
 _WHEELCHAIR_EDGE_M, _BED_EDGE_M = -0.345, -0.47
@@ -51,7 +51,7 @@ def wheelchair_scene(
     """Returns the scene of a person in a wheelchair and a robot.
 
     ``standing_offset_m`` (x, y) is added to the position of a robot on the floor. ``on_left``: the robot's position is
-    mirrored to the person's left. ``side`` is still the side of the robot's arm.
+    mirrored to the person's left. ``side`` is the side of the robot's arm in both cases.
 
     Raises:
         UnsuitableRobotError: if the robot has no suitable arm, mount or grip.
@@ -99,7 +99,7 @@ MAX_DRIVE_TRAVEL_M = 0.8
 
 @cache
 def planning_chain(scene: SceneConfig) -> kinematics.Chain:
-    """Returns the kinematic chain for motion planning: ``arm_chain``, preceded by a slide for a driving base.
+    """Returns the kinematic chain for motion planning: ``arm_chain``. For a driving base, a slide precedes it.
 
     Plans treat the drive as a slide and do not rotate the base. Lift, telescoping arm, wrist and drive together give
     the tool six degrees of freedom.
@@ -148,9 +148,9 @@ def find_start(
     candidates. With a fixed base they determine the restarts of the inverse kinematics. A driving base is shifted by
     the first joint of ``planning_chain``.
 
-    With ``along_goals``, the tool will move from goal to goal. This motion is rehearsed from several initial states,
-    and the one with the lowest cost is selected, see ``rehearsal``. With self-collision, the paths from the start to
-    each goal are rehearsed instead.
+    With ``along_goals``, the tool will move from goal to goal. ``rehearsal`` computes the cost of this motion for
+    several initial states. The state with the lowest cost is selected. With self-collision, the cost of the paths from
+    the start to each goal is used instead.
     """
     chain, mount, drives = planning_chain(scene), scene.mount, scene.robot.drive is not None
     seed_pose = np.concatenate([np.zeros(int(drives)), scene.arm.seed_pose])

@@ -22,9 +22,9 @@ from avrgym.tasks.registry import ENVIRONMENTS, TASKS
 from avrgym.tasks.settings import DEFAULT_SETTINGS, Settings
 
 MAX_MEAN_DRAWS = 2.0
-"""Maximum mean number of samples for one valid initial state: half of the samples may be rejected."""
+"""Maximum mean number of samples for one valid initial state. At this limit, half of the samples are rejected."""
 CHECK_POPULATION, NUM_CHECK_STARTS = "revised", 32
-"""Population of a robot check, and its number of initial states."""
+"""Population and number of initial states in the check of a robot."""
 NUM_STARTS_PER_BODY = 4
 """Number of initial states for each combination of sex and torso height."""
 ARM_BATCH_SIZE = 50
@@ -43,7 +43,7 @@ class StartDrawStatistics:
 
     @property
     def error_message(self) -> str:
-        """Error message; empty if there is no error."""
+        """Error message about the number of samples or a failed reset; empty if there is no error."""
         return self.reset_error or describe_excess_draws(self.mean_draws, self.max_draws)
 
 

@@ -116,7 +116,7 @@ def plugins_of(environment_id: str) -> tuple[UsedPlugin, ...]:
 
 
 def task_and_scene(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> tuple[Task, SceneConfig]:
-    """Returns task and scene of an environment with settings.
+    """Returns the task and the scene of an environment, with settings applied.
 
     Raises:
         ValueError: for an unknown id (the message lists the ids), and for settings that this environment does not have.
@@ -129,7 +129,7 @@ def task_and_scene(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -
 
 @lru_cache(maxsize=64)
 def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, SceneConfig]:
-    """Returns task and scene with settings.
+    """Returns the task with the name ``name`` and its scene with a robot, with settings applied.
 
     The same settings return the same objects, because models are cached by scene.
     """
@@ -149,13 +149,13 @@ def _with_settings(name: str, robot: str, settings: Settings) -> tuple[Task, Sce
 
 
 def task_goal(name: str, settings: Settings) -> str:
-    """Returns the goal of a task, for the served arm in the settings."""
+    """Returns the goal text of a task, for the person's arm in ``Settings.served_arm``."""
     task = TASKS[name]
     return task.goal if settings.served_arm in (None, task.served_arm) else goal_for_other_arm(task.goal)
 
 
 def describe_missing_arm(tasks: Iterable[tuple[str, Settings]], absent_arms: Collection[Side]) -> str:
-    """Returns which task cannot take place with ``absent_arms``, as an error message; empty if all tasks can.
+    """Returns an error message about a task that needs one of the ``absent_arms``; empty if there is no such task.
 
     ``tasks``: names of tasks with the settings of their scenes.
     """
@@ -180,7 +180,7 @@ def instruction(environment_id: str, settings: Settings = DEFAULT_SETTINGS) -> s
 
 
 def observation_and_action_size(environment_id: str) -> tuple[int, int]:
-    """Returns the lengths of observation and action in an environment.
+    """Returns the lengths O and A of observations and actions in an environment.
 
     Raises:
         ValueError: for an unknown id. The message lists the ids.

@@ -1,4 +1,5 @@
-"""Rehearsal: computes the cost of a planned tool motion from clearance and joint limits, without physics.
+"""Rehearsal: computes the cost of a planned tool motion without physics. The cost depends on clearance and joint
+limits.
 
 Inverse kinematics follows the path of the tool in small steps, as experts do.
 """
@@ -21,9 +22,9 @@ WORLDS_PER_BLOCK = 64
 """Number of worlds in one batch of computations. Small batches limit the memory."""
 ALLOWED_POSITION_ERROR_M, ALLOWED_ROTATION_ERROR_RAD = 0.005, 0.05
 PATH_SHARES, PATH_IK_ITERATIONS = (0.0, 0.25, 0.5, 0.75, 1.0), 15
-"""Positions on the path to a goal at which ``CollisionPathCost`` checks the arm, from 0 to 1.
+"""Positions on the path to a goal, 0 to 1, at which ``CollisionPathCost`` checks the arm.
 
-Also the number of iterations of the inverse kinematics.
+The second value is the maximum number of iterations of the inverse kinematics.
 """
 POSTURES = 16
 """Number of postures of a robot with a fixed base for which the motion is rehearsed."""
@@ -56,7 +57,7 @@ class GoalPathCost:
     ) -> FloatArray:
         """Returns the costs (n, K) in metres of K initial states, see ``base_search.PathCost``.
 
-        The cost is a sum of three terms: the largest deviation from the path, the missing distance from person and
+        The cost is a sum of three terms: the largest deviation from the path, the missing clearance from person and
         furniture, and the missing distance from joint limits.
         """
         parts = np.array_split(np.arange(len(yaw_rad)), -(-len(yaw_rad) // WORLDS_PER_BLOCK))
@@ -66,7 +67,7 @@ class GoalPathCost:
     def _cost(
         self, worlds: IntArray, base_pos_w: FloatArray, yaw_rad: FloatArray, joint_positions: FloatArray
     ) -> FloatArray:
-        """Returns the costs (n, K) of the initial states in some worlds (n,)."""
+        """Returns the costs (n, K) in metres of K initial states in the worlds ``worlds`` (n,)."""
         count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])
         world: IntArray = np.repeat(worlds, each)
         base_w = base_pos_w.reshape(-1, 3), transforms.from_axis_angle([0.0, 0.0, 1.0], yaw_rad.reshape(-1))
@@ -128,7 +129,7 @@ class CollisionPathCost(GoalPathCost):
     ) -> FloatArray:
         """Returns the missing distance (n, K) from ``CLEARANCE_MARGIN_M`` of the worst configuration on the paths.
 
-        A few configurations are checked. They are interpolated between the joint positions at start and goal. Goals out
+        Only a few configurations are checked. Their joint positions are interpolated between start and goal. Goals out
         of reach are ignored.
         """
         count, each = int(yaw_rad.shape[0]), int(yaw_rad.shape[1])

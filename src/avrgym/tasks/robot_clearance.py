@@ -57,8 +57,8 @@ def arm_capsules(scene: SceneConfig, chain: kinematics.Chain) -> ArmCapsules:
 class SelfCollisionShape:
     """Capsules of a whole robot, and pairs of capsules that may collide.
 
-    ``capsules`` contains all capsules. Capsules of parts that do not move have the ``link_index`` −1. Their ends are in
-    the frame of the base. ``capsule_pairs`` (P, 2) are indices of capsules.
+    ``capsules`` contains all capsules. Capsules of fixed parts have the ``link_index`` −1; their ends are in the frame
+    of the base. ``capsule_pairs`` (P, 2) are indices of capsules.
     """
 
     capsules: ArmCapsules
@@ -69,7 +69,7 @@ class SelfCollisionShape:
 def self_collision_shape(scene: SceneConfig, chain: kinematics.Chain) -> SelfCollisionShape:
     """Returns the capsules of a scene's robot, and the pairs of capsules that may collide.
 
-    Capsules are larger than the links. Pairs whose capsules overlap at the seed pose are therefore excluded.
+    Capsules are larger than the links. Pairs of capsules that overlap at the seed pose are therefore excluded.
     """
     capsules_of = _robot_capsules(scene)
     links = tuple(_part(chain, count) for count in range(1, len(chain.lower_limit) + 1))
@@ -188,7 +188,8 @@ class RobotClearance:
     def min_distance_m(
         self, joint_positions: FloatArray, segments_w: FloatArray, radii_m: FloatArray, *, tool: bool
     ) -> FloatArray:
-        """Returns the smallest distance (N, M) in metres between the arm and person or furniture; negative: overlap.
+        """Returns the smallest distance (N, M) in metres between the arm and person or furniture. It is negative for an
+        overlap.
 
         Args:
             joint_positions: M arm poses (N, M, J), joints of ``placement.planning_chain``.
@@ -207,7 +208,7 @@ class RobotClearance:
         return (to_axis - self._shape.radius_m[counts]).min(axis=-1)
 
     def furniture_distance_m(self, joint_positions: FloatArray) -> FloatArray:
-        """Returns the smallest distance (N,) in metres from furniture, at joint positions (N, J).
+        """Returns the smallest distance (N,) in metres between the arm and furniture, at joint positions (N, J).
 
         Arm and hand are included, the tool is not.
         """

@@ -16,7 +16,7 @@ from avrgym.tasks.settings import Settings
 
 
 def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: bool) -> SceneConfig:
-    """Returns the scene with the settings.
+    """Returns the scene with the settings applied.
 
     ``mirrored``: the robot works on the person's other arm, from the other side. A robot with two arms uses its other
     arm.
@@ -59,7 +59,7 @@ def scene_with_settings(scene: SceneConfig, settings: Settings, *, mirrored: boo
 _KEYWORDS = {
     "table_offset_m": "offset_m", "seat_height_m": "rise_m", "bed_height_m": "rise_m", "backrest_deg": "backrest_deg"
 }  # fmt: skip
-"""For each setting of furniture: the keyword argument of the function that adds the furniture."""
+"""Maps each setting of furniture to a keyword argument of the function that adds the furniture."""
 
 
 def has_furniture(scene: SceneConfig, setting: str) -> bool:
@@ -77,7 +77,9 @@ def _rise_m(scene: SceneConfig, settings: Settings) -> float | None:
 
 
 def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> SceneConfig:
-    """Returns the scene with the posture of the settings. If the task's frame differs, it also has a ``task_scene``."""
+    """Returns the scene with the person's posture according to the settings. If the task's frame differs, it also has a
+    ``task_scene``.
+    """
     posture = scene.posture
     if settings.backrest_deg is not None:
         posture = replace(posture, hips_deg=settings.backrest_deg - 90.0, thigh_deg=-settings.backrest_deg)
@@ -88,7 +90,7 @@ def _in_frame(scene: SceneConfig, settings: Settings, frame: TaskFrame) -> Scene
 
 
 def _mount(mount: Mount, settings: Settings, *, mirrored: bool, rise_m: float) -> Mount:
-    """Returns the mount with the settings. A mount on the wheelchair rises with the seat."""
+    """Returns the mount with the settings applied. A mount on the wheelchair rises with the seat."""
     if mirrored:
         mount = mount.mirrored()
     carrier = mount.carrier
@@ -116,6 +118,6 @@ def _takes(add: FurnitureBuilder, keyword: str) -> bool:
 
 
 def _with(add: FurnitureBuilder, given: dict[str, Any]) -> FurnitureBuilder:
-    """Returns the furniture function with the keyword arguments that it accepts."""
+    """Returns the furniture function ``add`` with those keyword arguments of ``given`` that it accepts."""
     taken = {name: value for name, value in given.items() if _takes(add, name)}
     return partial(add, **taken) if taken else add

@@ -15,9 +15,9 @@ from avrgym.models.body_names import Side
 from avrgym.models.human.anthropometry import TORSO_HEIGHT_RANGE_M
 
 TASK_SETTINGS = ("tool", "particles", "table_offset_m")
-"""Settings that only some tasks have."""
+"""Names of settings that only some tasks have."""
 PERSON_SETTINGS = ("torso_height_m", "range_share")
-"""Settings of randomly sampled people. They have no effect on a fixed person or a participant."""
+"""Names of settings of randomly sampled people. These settings have no effect on a fixed person or a participant."""
 MAX_TABLE_OFFSET_M, MAX_ROBOT_DISTANCE_M = (0.4, 0.4, 0.2), 4.0
 SETTING_LIMITS: Mapping[str, tuple[float, float]] = {
     "body_mass_kg": (30.0, 200.0),
@@ -26,14 +26,14 @@ SETTING_LIMITS: Mapping[str, tuple[float, float]] = {
     "bed_height_m": (0.45, 0.75),
     "backrest_deg": (40.0, 75.0),
 }
-"""Minimum and maximum of settings that are one number."""
+"""Minimum and maximum of the settings with one number, by name of the setting."""
 CONTROL_RATES_HZ = (5, 10, 20, 50)
 """Allowed control rates. Each is a multiple or divisor of the people's action rate, and a divisor of the physics rate.
 """
 
 
 class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The settings of an environment. ``None``: the value of the task or robot applies.
+    """The settings of an environment. With ``None``, the value of the task or robot is used.
 
     Raises:
         ValueError: for a value that is not allowed. The message contains the allowed values.
@@ -116,7 +116,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
     @property
     def control_step_s(self) -> float:
-        """Duration of a control step."""
+        """Duration of a control step in seconds."""
         return 1.0 / self.control_hz
 
     @property

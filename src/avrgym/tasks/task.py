@@ -1,4 +1,4 @@
-"""``Task``: the functions and data of a task. Training, live VR and replay share them."""
+"""``Task``: the functions and data that define a task. Training, live VR and replay share them."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -77,7 +77,7 @@ class RunningEpisodes(Protocol):
 
     @property
     def task_state(self) -> TaskState:
-        """The task's state."""
+        """The current state of the task in all worlds."""
         ...
 
     def state(self) -> State:
@@ -117,7 +117,7 @@ WHEELCHAIR_SIDE_VIEW = View((-0.35, -0.20, 0.92), 2.5, 120.0, -24.0)
 
 
 class Views(NamedTuple):
-    """Camera views of a mounted robot and of a robot on the floor. Neither the arm nor the person hides the task."""
+    """Camera views for a mounted robot and for a robot on the floor, without occlusion by arm or person."""
 
     mounted: View
     on_floor: View
@@ -143,7 +143,7 @@ class Marks:
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A task. Its functions take and return arrays of any array library. The first axis is the world.
+    """Definition of a task. Its functions accept and return arrays of any array library. The first axis is the world.
 
     Attributes:
         name: an ASCII identifier; environment ids are ``avrgym/{name}{robot}-v1``.
@@ -151,10 +151,10 @@ class Task:
             V).
         pose: initial pose of the person.
         offered: body part that cooperating people move towards the tool.
-        strength_share: share of their strength with which people hold their pose. With a small share the robot can move
-            their joints. A mapping contains a share for each joint by name; joints that are not listed have full
-            strength. ``None``: people who do not move are rigid.
-        scene: returns the scene for a robot; called once for each robot.
+        strength_share: share of their strength with which people hold their pose. With a small share, the robot can
+            move their joints. A mapping contains a share for each joint by name; joints that are not listed have full
+            strength. With ``None``, static people are rigid.
+        scene: function that returns the scene for a robot; called once for each robot.
         num_uniforms: number of uniform random numbers that ``start`` needs for each world.
         start: returns initial states, from the scene, the people and uniform random numbers (n, ``num_uniforms``).
         init_state: returns the initial task state, from the people and the same random numbers.
@@ -173,8 +173,8 @@ class Task:
         marks: markers on the person.
         withdraws_after_success: whether the robot withdraws its tool after success. This also needs the option
             ``withdraw_after_success`` of the episode or session.
-        variant: returns the task with the tool, particles and table of settings. ``None``: the task has no such
-            settings.
+        variant: function that returns the task with the tool, particles and table of settings. ``None``: the task has
+            no such settings.
         tracked: body parts that VR must track: the head, and the arms that the robot works on. If the tracking of a
             part is lost, the attempt ends.
 

@@ -14,7 +14,7 @@ CHECK_WORLDS, CHECK_STEPS = 3, 5
 
 
 def check_task(name: str) -> None:
-    """Run a few steps of a task with every suitable robot and each expert.
+    """Run a few control steps of a task with every suitable robot and each expert.
 
     Initial states are checked by ``tasks.placement_check.check_starts``.
 

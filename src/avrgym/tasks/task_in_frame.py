@@ -1,4 +1,4 @@
-"""Tasks for the other arm of the person, or for another height of seat or bed.
+"""Converts tasks to scenes with the other arm of the person, or with another height of seat or bed.
 
 The functions of a task compute in the task's frame, see ``models.task_frame``. Wrappers convert arguments from the
 world frame to the task's frame, and results back. A task therefore needs no code for the other arm.
@@ -52,7 +52,7 @@ _BASE_SIGNS = np.array([1.0, -1.0, -1.0])
 
 
 def task_in_frame(task: Task, frame: TaskFrame, mirror_axis: int) -> Task:
-    """Returns the task for a scene whose ``SceneConfig.task_scene`` has this frame.
+    """Returns a task for scenes in the world frame, with functions that compute in the task's frame ``frame``.
 
     ``mirror_axis`` is the axis of the tool's frame that is normal to the tool's plane of symmetry.
     """

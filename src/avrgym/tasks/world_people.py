@@ -34,7 +34,7 @@ NUM_UNIFORMS = distributions.NUM_UNIFORMS + impairments.NUM_UNIFORMS + cooperati
 _POPULATION, _EXPLORATION = 2, 3
 """Indices of two uniform random numbers of the behaviour.
 
-One selects the population. The other is the seed of the exploration noise of a trained human.
+The first number selects the population. The second is the seed of the exploration noise of a trained human.
 """
 
 
@@ -43,7 +43,7 @@ def environment_populations(name_or_path: str, environment_id: str) -> tuple[Pop
 
     Raises:
         ValueError: for an unknown name (the message lists the allowed names), or for a damaged file. Also for humans
-            that were trained for another environment, or whose network has a wrong size.
+            that were trained for another environment, or have a network of a wrong size.
     """
     populations = find_populations(name_or_path, TASKS)
     for population in populations:
@@ -71,10 +71,10 @@ class WorldPeople:
     Attributes:
         trained_humans: the trained policies that move people, if any.
         is_moving: whether people move during episodes.
-        commands: the commands of partners to the robot; ``None`` if these people give none.
+        commands: the commands of partners to the robot; ``None`` if these people give no commands.
         moves_every_physics_step: whether their joint targets change every 10 ms.
         interpolates_targets: whether joint targets that change every 0.1 s are interpolated.
-        extra_clearance_m: additional clearance that their motion needs.
+        extra_clearance_m: additional clearance that the motion of these people needs.
     """
 
     def __init__(
@@ -94,9 +94,9 @@ class WorldPeople:
 
         Args:
             name_or_path: the populations, see ``Episodes``.
-            environment_id: such as ``avrgym/FeedingJaco-v1``.
+            environment_id: environment id such as ``avrgym/FeedingJaco-v1``.
             scene: the furniture, and the posture of people.
-            num_worlds: N.
+            num_worlds: number N of worlds.
             person: one fixed person, instead of ``name_or_path``.
             impairment: a name in ``people.impairments.IMPAIRMENTS``.
             driven: whether the caller moves the people's joints.
@@ -162,7 +162,7 @@ class WorldPeople:
 
     @property
     def needs_host(self) -> bool:
-        """Whether these people can move only on the host."""
+        """Whether the motion of these people can be computed only on the host, not on a device."""
         return bool(self._policies) or self._actions
 
     @property
@@ -334,7 +334,7 @@ class WorldPeople:
         return self._limit(executed)
 
     def _observing(self, observe: Callable[[], State]) -> Callable[[], State]:
-        """Returns the function with its result converted to the task's frame."""
+        """Returns a function like ``observe``, with the result converted to the task's frame."""
         return lambda: state_in_frame(observe(), self._frame, self._mirror_axis)
 
     def _limit_in_frame(self, joint_angles_rad: FloatArray) -> FloatArray:

@@ -35,8 +35,8 @@ for _environment_id in ENVIRONMENTS:
 class AvrGymEnvConfig(EnvConfig):
     """LeRobot's configuration of an environment: ``--env.type=avrgym``.
 
-    ``task`` is the end of an environment id. ``cameras`` are descriptions such as ``wrist:128x96``; ``people``,
-    ``impairment`` and ``force_guard`` are those of ``gym.make``.
+    ``task`` is an environment id without its prefix ``avrgym/``. ``cameras`` are descriptions such as ``wrist:128x96``;
+    ``people``, ``impairment`` and ``force_guard`` are those of ``gym.make``.
     """
 
     task: str | None = "FeedingJaco-v1"
@@ -67,17 +67,17 @@ class AvrGymEnvConfig(EnvConfig):
 
     @property
     def package_name(self) -> str:
-        """The package that registers the environments."""
+        """Name of the Python package that registers the environments."""
         return __name__
 
     @property
     def gym_id(self) -> str:
-        """The id for ``gym.make``."""
+        """Environment id for ``gym.make``, such as ``avrgym-lerobot/FeedingJaco-v1``."""
         return f"{NAMESPACE}/{self.task}"
 
     @property
     def gym_kwargs(self) -> dict[str, Any]:
-        """The arguments for ``gym.make``."""
+        """Keyword arguments for ``gym.make``: people, impairment, force guard, cameras and episode length."""
         return {
             "people": self.people,
             "impairment": self.impairment,

@@ -47,4 +47,6 @@ FURNITURE: Mapping[str, Callable[[mujoco.MjSpec, bool], None]] = {
     "hospital_bed": add_hospital_bed,
     "nightstand": add_nightstand,
 }
-"""Functions that add furniture to a scene, by name. Arguments: the scene, and whether to add visual geoms."""
+"""Functions that add furniture to a scene, by name of the furniture. Arguments: the scene, and whether to add visual
+geoms.
+"""

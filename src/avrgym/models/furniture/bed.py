@@ -22,7 +22,8 @@ MATTRESS_LEG_LENGTH_M, BACKREST_LENGTH_M = 1.15, 0.85
 BACKREST_ANGLE_DEG = 60.0
 NIGHTSTAND_BODY = "nightstand"
 NIGHTSTAND_TOP_POS_M = (-0.75, 0.15, 0.60)
-"""Position of a robot on the nightstand, and origin of the nightstand's body. The body may move with the robot."""
+"""Position of a robot on the nightstand, and origin of the nightstand's body. The nightstand may move with the robot.
+"""
 
 _CREASE = (0.0, 0.05, MATTRESS_TOP_M)
 """Edge between seat and backrest: 0.118 m behind the axis of a torso reclined by 30°."""

@@ -14,9 +14,10 @@ HIPS_TO_BACKREST_DISTANCE_M = 0.13
 """Distance of the centre of the hips from the backrest: about the radius of the hips."""
 FurniturePoint = Literal["front", "rear", "top", "headrest"]
 """Points that measure a seat: its front edge, its rear edge at the backrest, the top of the backrest, and the front of
-the headrest. On a mattress: the surface below the thighs, the start of the raised back, its upper end, the pillow."""
+the headrest. Points of a mattress are the surface below the thighs, both ends of the raised back, and the pillow.
+"""
 REQUIRED_FURNITURE_POINTS: tuple[FurniturePoint, ...] = ("front", "rear", "top")
-"""The points without which furniture is not measured."""
+"""The points that a measurement of furniture needs."""
 Point = tuple[float, float, float]
 """A position in metres in ``local-floor``: x and z are horizontal, y is the height above the floor."""
 ALLOWED_RANGES: Mapping[str, tuple[float, float]] = {
@@ -34,8 +35,9 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     """A real seat and mattress. The defaults are the virtual wheelchair and bed.
 
     Heights above the floor and seat depth are in metres. ``*_back_deg`` are the backrest angles from the horizontal
-    during calibration. ``seat_tilt_deg``: how far the seat is tilted backwards; the seat height is that of its front
-    edge, and the hips are lower. ``headrest_m``: distance of the resting head in front of the line of the backrest.
+    during calibration. ``seat_tilt_deg`` is the backward tilt of the seat. The seat height is that of the front edge;
+    with a tilt, the hips are lower. ``headrest_m`` is the distance of the resting head in front of the line of the
+    backrest.
 
     Raises:
         ValueError: for a value out of range.
@@ -68,11 +70,11 @@ class RealFurniture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return self.height_offset_m(posture) + torso_height_m * (real - virtual) + self.head_rise_m(posture)
 
     def head_rise_m(self, posture: Posture) -> float:
-        """Returns the rise of the head by the headrest, in metres; 0 for an upright back."""
+        """Returns the height difference of the head with and without headrest, in metres; 0 for an upright back."""
         return self.headrest_m * cos(radians(self.backrest_deg(posture)))
 
     def head_forward_m(self, posture: Posture) -> float:
-        """Returns the horizontal displacement of the head by the headrest, in metres; forward is positive."""
+        """Returns the forward displacement of the head by the headrest, in metres."""
         return self.headrest_m * sin(radians(self.backrest_deg(posture)))
 
     def describe(self, *, seated: bool) -> str:
@@ -111,18 +113,20 @@ def measure_furniture(
 ) -> RealFurniture:
     """Returns the furniture with the measures of a seat, or of a mattress.
 
-    ``points``: the positions of ``REQUIRED_FURNITURE_POINTS``, and optionally of the headrest. Measures that the points
-    do not determine are those of ``before``.
+    ``points``: the positions of ``REQUIRED_FURNITURE_POINTS``, and optionally of the headrest. Other measures are
+    copied from ``before``.
 
     Raises:
-        ValueError: for a value out of range. Then a point was not touched.
+        ValueError: for a value out of range, which means that a point was not touched.
     """
     (front_x, front_m, front_z), rear, top = (points[name] for name in REQUIRED_FURNITURE_POINTS)
     run_x, run_z = rear[0] - front_x, rear[2] - front_z
     run_m = max(hypot(run_x, run_z), 1e-6)
 
     def behind_and_above_m(point: Point) -> tuple[float, float]:
-        """Returns how far a point is behind the rear point, and above it."""
+        """Returns the horizontal and the vertical distance of a point from the rear point, in metres. Behind and above
+        are positive.
+        """
         return ((point[0] - rear[0]) * run_x + (point[2] - rear[2]) * run_z) / run_m, point[1] - rear[1]
 
     top_behind_m, top_above_m = behind_and_above_m(top)

@@ -39,8 +39,8 @@ def add_wheelchair(
 ) -> None:
     """Add the wheelchair. The hips of a seated person are on its cushion.
 
-    ``armrests`` are the sides with an armrest; if ``mirrored``, the opposite sides have one. ``rise_m`` is the height
-    of seat, armrests and footplates above their default height.
+    ``armrests`` are the sides with an armrest. If ``mirrored`` is true, the armrests are on the opposite sides.
+    ``rise_m`` is the height of seat, armrests and footplates above their default height.
     """
     if mirrored:
         armrests = [_OTHER_SIDE[side] for side in armrests]

@@ -100,7 +100,9 @@ PROPORTIONS: Mapping[Sex, Proportions] = {"man": MAN, "woman": WOMAN}
 
 
 def unscaled_proportions(is_woman: BoolArray, like: Any = 0.0) -> Proportions:
-    """Returns the unscaled measures of N people, (N,) each. ``like`` is an array of the same library and device."""
+    """Returns the unscaled measures of N people, (N,) each. ``like`` is an array that determines the array library and
+    the device.
+    """
     where = namespace(is_woman).where
     measures: dict[str, Any] = {
         each.name: where(is_woman, *[constant_like(getattr(sex, each.name), like) for sex in (WOMAN, MAN)])
@@ -126,10 +128,11 @@ GIRTH_EXPONENTS: Mapping[str, tuple[float, float]] = {
     "shin_radius": (0.415, 0.55),
     "foot_radius": (0.26, 0.605),
 }
-"""Exponents b and c of the model log girth = a + b log BMI + c log stature, as means of men and women.
+"""Exponents b and c of the model log girth = a + b log BMI + c log stature, by name of the measure. They are means of
+men and women.
 
-They are least-squares fits to the 4 082 men and 1 986 women of ANSUR II. The girths are circumferences of buttocks,
-waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf and ankle. ``shoulder_offset_x`` uses the
+The exponents are least-squares fits to the 4 082 men and 1 986 women of ANSUR II. The girths are circumferences of
+buttocks, waist, chest, shoulders, biceps, forearm, hand, neck, thigh, calf and ankle. ``shoulder_offset_x`` uses the
 forearm-forearm breadth, ``thigh_offset_x`` the hip breadth of sitting people.
 """
 

@@ -17,9 +17,9 @@ from avrgym.models.human.person import People, Person
 BODY_FROM_DEVICE_AXES = transforms.from_matrix([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 """Rotation from device axes (x right, y up, −z forward) to body axes (x left, −y forward, z up).
 
-The rotation is the same for the headset and for the grip (WebXR Device API, ``gripSpace``). For a fist around an
-upright rod, −z of the grip points to the thumb, like −y of the hand. y of the grip points from the knuckles to the
-wrist, like z of the hand.
+The rotation is the same for the headset and for the grip (WebXR Device API, ``gripSpace``). In a fist around an upright
+rod, −z of the grip and −y of the hand point to the thumb. Axis y of the grip and axis z of the hand point from the
+knuckles to the wrist.
 """
 HEADSET_OFFSET_M = 0.08
 """Distance of the headset's origin in front of the head's centre (2020 reference)."""
@@ -29,8 +29,9 @@ MOUTH_HEIGHT_M = 0.03
 """Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
 
 CRANIUM_RADIUS_M, JAW_RADIUS_M, JAW_HEIGHT_M, JAW_BEHIND_MOUTH_M = 0.090, 0.062, 0.025, 0.028
-"""Sizes of the head's collision spheres, in metres. The jaw ends 2.8 cm behind the mouth: a spoon can enter an open
-mouth."""
+"""Sizes of the head's collision spheres, in metres. The front of the jaw is 2.8 cm behind the mouth, which leaves space
+for a spoon.
+"""
 
 
 PARENT_BODIES: Mapping[str, str | None] = {
@@ -54,8 +55,8 @@ ARM_BODIES: Mapping[Side, tuple[str, ...]] = {"left": LEFT_ARM_BODIES, "right": 
 class Posture:
     """Posture of a person: rotations about x of the hips and of the legs, which are not actuated.
 
-    ``hips_pos_w`` is the origin of the hips. ``None``: the person sits, and the origin depends on the sex.
-    ``rise_m`` is the height of seat or bed above its default height; it is added to the origin.
+    ``hips_pos_w`` is the origin of the hips in the world frame. If it is ``None``, the person sits, and the origin
+    depends on the sex. ``rise_m`` is the height of seat or bed above its default height; it is added to the origin.
     """
 
     hips_pos_w: tuple[float, float, float] | None
@@ -93,7 +94,7 @@ class Posture:
 
 SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
 RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0, shoes=False)
-"""Sitting in a wheelchair, and lying in a bed with the backrest raised by 60° (reference)."""
+"""Posture in a bed with the backrest raised by 60° (reference). ``SEATED`` is the posture in a wheelchair."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,7 +248,9 @@ SITE_BODIES = {
 
 @dataclass(frozen=True)
 class CollisionGeom:
-    """A collision geom: body, capsule axis (``None`` for a sphere), and share of the mass."""
+    """A collision geom of the person: its body, its capsule axis in the body's frame (``None`` for a sphere), and its
+    share of the person's mass.
+    """
 
     body: str
     axis: tuple[float, float, float] | None
@@ -311,7 +314,7 @@ def body_frames(
 
 
 def _carrying(bodies: Sequence[str]) -> list[str]:
-    """Returns bodies and their ancestors, parents first."""
+    """Returns the names of bodies and their ancestors in the kinematic tree, parents first."""
     found: set[str] = set()
     for body in bodies:
         carrier: str | None = body

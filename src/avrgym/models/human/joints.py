@@ -69,7 +69,7 @@ SERVO_INERTIA_KG_M2: Mapping[str, float] = {
     **{f"{side}_{part}": value for side in ("right", "left")
        for part, value in (("upper_arm", 0.25), ("forearm", 0.07), ("hand", 0.012))},
 }  # fmt: skip
-"""Inertia about each body's joint for the servo gains, armature included."""
+"""Inertia of each moving body about its joint, including the armature. It determines the servo gains."""
 
 
 def seated_joint_angles(**degrees: float) -> FloatArray:

@@ -69,7 +69,9 @@ def _add_geoms(bodies: dict[str, mujoco.MjsBody], frames: BodyLayout, mass_kg: f
 
 
 PERSON_SERVO_FREQUENCY_RAD_S = 40.0
-"""Natural frequency of the position servos. The delay behind the headset is about 2 / 40 s = 50 ms."""
+"""Natural frequency of the position servos. The simulated head follows the headset with a delay of about 2 / 40 s = 50
+ms.
+"""
 
 
 def _add_joints(spec: mujoco.MjSpec, bodies: dict[str, mujoco.MjsBody]) -> None:

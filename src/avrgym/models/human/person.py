@@ -30,16 +30,16 @@ SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
 
 @dataclass(frozen=True)
 class Person:
-    """One person.
+    """Body parameters of one simulated person.
 
     Attributes:
-        sex: body model.
-        torso_height_m: from hip bone to head centre.
+        sex: ``man`` or ``woman``, which selects the body model.
+        torso_height_m: distance from the hip bone to the centre of the head.
         joint_angles_rad: joint angles (20,).
         skin_tone: a name in ``SKIN_TONES``.
         arm_scale: length of upper arms and forearms relative to the average for this torso height.
-        stature_m, bmi_kg_m2: stature and body mass index, which determine radii and mass; ``None``: those of the
-            paper's man or woman.
+        stature_m, bmi_kg_m2: stature and body mass index, which determine radii and mass. With ``None``, radii and mass
+            are those of the paper's man or woman.
         absent_arms: amputated arms. They make no contact and are not drawn. Their joints stay in the model, so
             observations contain the pose of these joints.
 
@@ -114,12 +114,12 @@ def check_torso_height(torso_height_m: float) -> None:
 
 @dataclass(frozen=True)
 class People:
-    """N people as arrays.
+    """Body parameters of N simulated people, as arrays.
 
     Attributes:
         is_woman: whether the body model is that of a woman (N,).
-        torso_height_m: (N,).
-        joint_angles_rad: (N, 20).
+        torso_height_m: distance from the hip bone to the centre of the head (N,).
+        joint_angles_rad: joint angles in the order of ``human.JOINTS`` (N, 20).
         range_share: joint ranges as a share of the full ranges (N,).
         strength_share: joint torques as a share of the full torques, (N,) or by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
@@ -144,7 +144,7 @@ class People:
 
     @classmethod
     def from_persons(cls, persons: Iterable[Person]) -> "People":
-        """Returns the arrays of several ``Person`` records."""
+        """Returns the body parameters of several ``Person`` records as arrays."""
         persons = list(persons)
         people = cls.unimpaired(
             np.array([person.sex == "woman" for person in persons]),

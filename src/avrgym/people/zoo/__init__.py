@@ -1,4 +1,4 @@
-"""The zoo: populations of partners with several behaviour styles.
+"""The zoo: populations of simulated people (partners of the robot) with several behaviour styles.
 
-Partners of a style differ in delay, amplitude and tempo.
+Partners of one style differ in delay, amplitude and tempo of their behaviour.
 """

@@ -1,7 +1,8 @@
 """Partners that command the robot: the style ``commanding``. They move like ``cooperating`` people.
 
 Their populations are ``zoo/train/commanding``, ``zoo/unseen/commanding`` and ``zoo/extreme/commanding``. The other
-populations do not contain them, because their robot waits before mouth or arm, see ``safety.pacing``.
+populations do not contain these partners. With them, the robot waits in front of mouth or arm for a command, see
+``safety.pacing``.
 """
 
 from collections.abc import Iterator, Mapping
@@ -19,7 +20,7 @@ from avrgym.people.zoo.styles import COMMAND_SOURCES, COMMANDING_STYLE, COMMANDI
 PARTNER_RULES: TrialRules = apply_preferences(
     ConditionRules(policy="", commands=("ready", "wait", "slower", "faster", "stop"), sources=("key",)), None
 )
-"""Rules of the pacing layer for these partners, unless the caller gives others."""
+"""Default rules of the pacing layer for these partners."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,9 @@ class CommandParameters:
 
 @dataclass(frozen=True, eq=False)
 class CommandingPartners(PartnerSet):
-    """A set of partners that give commands. ``commands`` has the rows of ``parameters``."""
+    """A set of partners that give commands. A row of ``commands`` belongs to the same partner as this row of
+    ``parameters``.
+    """
 
     commands: CommandParameters
 
@@ -72,7 +75,7 @@ class PartnerCommands:
     """
 
     def __init__(self, partners: CommandingPartners, worlds: int) -> None:
-        """Start without partners; call ``reset``."""
+        """Create arrays for N ``worlds`` without partners. ``reset`` samples the partners."""
         self._partners = partners
         self._parameters = partners.commands.of(np.zeros(worlds, dtype=np.intp))
         self._waited_s: FloatArray = np.zeros(worlds)

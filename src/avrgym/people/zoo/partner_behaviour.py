@@ -46,7 +46,7 @@ class PartnerState:
 
     Attributes:
         parameters: table (N, 23) of ``BehaviourParameters``.
-        uniforms: random numbers of each person, 0 to 1 (N, 4).
+        uniforms: random numbers from 0 to 1 (N, 4) that determine times and directions of a person's movements.
         tool_history_w: latest tool positions (N, ``TOOL_HISTORY_LENGTH``, 3), newest first.
         initial_angles_rad: initial joint angles (N, 20).
         joint_targets_rad: joint targets without rhythmic motion (N, 20).
@@ -72,8 +72,9 @@ class PartnerState:
 class _ToolPercept(NamedTuple):
     """The tool as N people perceive it.
 
-    ``aware`` (N,): whether they perceive it. ``facing_rad`` (N, 3): head angles that face it. ``gap_m`` (N,): its
-    distance from the offered body part. ``side`` (N,): 1 for left, −1 for right.
+    ``aware`` (N,): whether the person perceives the tool. ``facing_rad`` (N, 3): head angles that face the tool.
+    ``gap_m`` (N,): distance of the tool from the offered body part. ``side`` (N,): side of the tool, 1 for left, −1 for
+    right.
     """
 
     aware: BoolArray
@@ -128,7 +129,7 @@ def are_startled(state: PartnerState) -> BoolArray:
 
 
 def initial_motor_state(state: PartnerState, people: People) -> MotorState:
-    """Returns the initial state of the motor model."""
+    """Returns the initial state of the motor model for N partners."""
     parameters, uniforms = BehaviourParameters.from_table(state.parameters), state.uniforms
     further = motor.derive_uniforms(uniforms)
     rhythms = motor.sample_rhythms(
@@ -186,7 +187,7 @@ def _perceive_tool(
 def _update_startle(
     state: PartnerState, parameters: BehaviourParameters, percept: _ToolPercept, offered: OfferedBodyPart
 ) -> PartnerState:
-    """Returns the state with updated times of a near tool and of startles."""
+    """Returns the state with updated durations: since the tool came near, and since the latest startle."""
     xp = namespace(percept.gap_m)
     near = percept.gap_m < (ARM_APPROACH_DISTANCE_M if offered == "arm" else MOUTH_APPROACH_DISTANCE_M)
     startled = (parameters.startle_deg > 0.0) & (percept.gap_m < parameters.startle_distance_m)
@@ -241,7 +242,7 @@ def _shift(desired: FloatArray, state: PartnerState, parameters: BehaviourParame
 def _approach(
     desired: FloatArray, state: PartnerState, parameters: BehaviourParameters, offered: OfferedBodyPart
 ) -> None:
-    """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause half-way."""
+    """Change ``desired``: lean towards a near tool, or lift the arm. Hesitant people pause at half the approach."""
     xp = namespace(desired)
     hesitates = parameters.pause_s > 0.0
     halves = xp.floor(state.tool_near_duration_s / xp.where(hesitates, parameters.pause_s, 1.0))

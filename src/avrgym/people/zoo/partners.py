@@ -29,7 +29,9 @@ STYLE_LEVELS: Mapping[str, tuple[float, ...]] = {
     UNSEEN_ZOO: (0.13, 0.37, 0.63, 0.87),
     EXTREME_ZOO: (-0.4, 1.4),
 }
-"""Levels on each axis of a style, by zoo. Level 0 is the first value of each range, level 1 the last value."""
+"""Levels on each axis of a style, by population of the zoo. Level 0 is the first value of each range, level 1 the last
+value.
+"""
 PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "reaction_s": (0.1, 0.95),
     "facing_share": (0.0, 1.0),
@@ -43,7 +45,9 @@ PARAMETER_BOUNDS: Mapping[str, tuple[float, float]] = {
     "ready_delay_s": (0.1, np.inf),
     "comfortable_speed": (MIN_SPEED_FACTOR, MAX_SPEED_FACTOR),
 }
-"""Bounds of parameters; for other parameters 0 to infinity. Values of ``zoo/extreme`` are clipped to them."""
+"""Bounds of behaviour parameters. All other parameters have the bounds 0 and infinity. Values of ``zoo/extreme`` are
+clipped to these bounds.
+"""
 DEFAULT_PARAMETER_BOUNDS = (0.0, np.inf)
 
 
@@ -56,7 +60,7 @@ class BehaviourParameters:
         facing_share: executed share of the head rotation that is needed to face the tool.
         approach_share: extent of the approach to a near tool (lean, or lift the arm), relative to
             ``people.cooperation``.
-        pause_s: waiting time before the approach, and again half-way.
+        pause_s: waiting time before the approach, and again at half the approach.
         withdrawal_deg: extent of withdrawal while the tool is near.
         startle_deg, startle_distance_m, startle_duration_s: extent of a startle, the tool distance that triggers it,
             and its duration.
@@ -121,7 +125,7 @@ _DEFAULTS: Mapping[str, float] = {
 
 
 class Partner(NamedTuple):
-    """A partner of the zoo: its zoo, its style, and its level on each axis."""
+    """A partner of the zoo: its population (such as ``zoo/train``), its style, and its level on each axis."""
 
     zoo: str
     style: str
@@ -139,7 +143,7 @@ def _partners() -> tuple[Partner, ...]:
 
 
 def style_values(style: BehaviourStyle, levels: tuple[float, ...]) -> dict[str, float]:
-    """Returns the parameter values of a style at levels on its axes."""
+    """Returns the parameter values of a style by name, at the given levels on its axes."""
     return {
         trait: float(
             np.clip(first + level * (last - first), *PARAMETER_BOUNDS.get(trait, DEFAULT_PARAMETER_BOUNDS))

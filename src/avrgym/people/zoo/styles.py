@@ -28,8 +28,9 @@ class BehaviourStyle:
 
 
 SIMPLE_REACTION_RANGES: ParameterRanges = {"reaction_s": (0.2, 0.4)}
-"""Simple visual reactions take 0.23 s on average, and longer with age (Woods et al., Front. Hum. Neurosci. 9:131,
-2015)."""
+"""Reaction times in seconds. Simple visual reactions take 0.23 s on average, and longer with age (Woods et al., Front.
+Hum. Neurosci. 9:131, 2015).
+"""
 APPROACH_RANGES: ParameterRanges = {"facing_share": (0.3, 0.7), "approach_share": (0.5, 1.1)}
 SWAY_AMPLITUDE_RANGES: ParameterRanges = {"sway_deg": (0.3, 1.0)}
 SWAY_FREQUENCY_RANGES: ParameterRanges = {"sway_hz": (0.1, 0.3)}

@@ -12,14 +12,15 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 ROBOT_ARM_JOINTS = tuple(f"joint_{i}" for i in range(1, 8))
 BASE_POS_W, LEFT_BASE_POS_W = (-0.40, -0.50, 0.50), (0.40, -0.50, 0.40)
-"""Positions of the base on the person's right and left. The left one is lower: the elbow then has enough space in front
-of a stretched arm of the person."""
+"""Positions of the base on the person's right and left, world frame, metres. The left base is lower. This leaves space
+for the robot's elbow in front of a stretched arm of the person.
+"""
 MAX_SHOULDER_HEIGHT_M = 0.30
-"""Maximum height of the shoulder above the arm's mount."""
+"""Maximum height of the robot's shoulder above the mount, in metres."""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the arm with its hand."""
+    """Returns the MuJoCo model of the arm with its hand. ``appearance``: whether to add visual geoms."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.gen3").joinpath("gen3.xml").read_text())
     spec.meshdir = str(rtb_data_path("kortex_description"))
     return spec
@@ -27,7 +28,7 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED_LIMIT_DEG_S = 50.0
 TORQUE_LIMITS_N_M = (39.0, 39.0, 39.0, 39.0, 9.0, 9.0, 9.0)
-"""Limits of Kinova's description (GEN3_URDF_V12)."""
+"""Torque limits of the seven joints (Kinova's description GEN3_URDF_V12)."""
 SEED_POSE_DEG = (171.0, -72.0, -150.0, -48.0, -1.0, -112.0, -152.0)
 _ARM = arm_with_servo_gains(
     build, ROBOT_ARM_JOINTS, "hand", np.radians(SEED_POSE_DEG),

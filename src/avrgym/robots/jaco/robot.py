@@ -13,12 +13,12 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESH_FOLDER = rtb_data_path("kinova_description/meshes")
 MAX_SHOULDER_HEIGHT_M = 0.33
-"""Maximum height of the shoulder above the mount."""
+"""Maximum height of the robot's shoulder above the mount, in metres."""
 BASE_POS_W = (-0.35, -0.30, 0.36)
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the arm with its hand."""
+    """Returns the MuJoCo model of the arm with its hand. ``appearance``: whether to add visual geoms."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.jaco").joinpath("jaco.xml").read_text())
     spec.meshdir = str(MESH_FOLDER)
     return spec
@@ -58,7 +58,9 @@ GRIPS: Mapping[str, Grip] = {
         fingers=_three_fingers((1.15, 0.30), (1.23, 0.30), (1.23, 0.30)),
     ),
 }
-"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
+"""Grips by tool: the pose of the tool in the hand, and the finger angles. The gap between fingertips and tool is at
+most 3 mm.
+"""
 
 
 _ARM = Arm(

@@ -20,7 +20,7 @@ STAND_HEIGHT_M = 0.55
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the arm with its hand, on the stand."""
+    """Returns the MuJoCo model of the arm with its hand, on the stand. ``appearance``: whether to add visual geoms."""
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.panda").joinpath("panda.xml").read_text())
     if appearance:
         meshes = {link: f"{link}.dae" for link in MESH_LINKS} | dict.fromkeys(FINGER_NAMES, "finger.dae")
@@ -31,13 +31,14 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED_LIMITS_DEG_S = (36.0, 36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_LIMITS_N_M = (20.0, 20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
-"""Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Franka Emika's
-data sheet allows 150 and 180 °/s, 87 and 12 N m."""
+"""Torque limits of the seven joints, reduced below those of the Jaco because a person is near (assumption). Franka
+Emika's data sheet allows 87 and 12 N m.
+"""
 SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (0.0, -30.0, 0.0, -120.0, 0.0, 100.0, 45.0),
     "left": (51.0, -1.0, 31.0, -110.0, -47.0, 108.0, -127.0),
 }
-"""Seed poses by arm. Because of the joint ranges, no single pose leads to solutions for both arms."""
+"""Initial poses of the inverse kinematics, by arm. Because of the joint ranges, each arm needs its own pose."""
 
 
 def _arm(side: Side) -> Arm:

@@ -15,19 +15,21 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESH_FOLDER = rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
-"""Position of the base next to the person. The robot faces the person's right side (reference)."""
+"""Position of the base next to the person, world frame. The robot faces the person's right side (reference)."""
 BASE_YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 ROBOT_ARM_JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",
 )  # fmt: skip
 FIXED_ARM_POSE_RAD = np.array([1.75, 1.25, 1.5, -0.5, 1.0, 0.0, 1.0])
 SEED_POSE_RAD = np.array([0.7, 0.2, 1.5, -1.85, -3.1, -1.45, 0.0])
-"""Poses of the left arm; the poses of the right arm are mirrored."""
+"""Initial pose (7,) of the left arm for the inverse kinematics. The pose of the right arm is mirrored."""
 MIRRORED_JOINT_SIGNS = np.array([-1.0, 1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the robot with raised torso and tilted head."""
+    """Returns the MuJoCo model of the robot with raised torso and tilted head. ``appearance``: whether to add visual
+    geoms.
+    """
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.pr2").joinpath("pr2.xml").read_text())
     spec.meshdir = str(MESH_FOLDER)
     return spec
@@ -42,8 +44,9 @@ def _pose(side: Side, left_rad: FloatArray) -> FloatArray:
 
 
 def _arm(side: Side) -> Arm:
-    """Returns an arm. Its speed limits are those of the Jaco, because the PR2's limits (119 to 206 °/s) are too high
-    next to a person."""
+    """Returns the arm on one side. Its speed limits are those of the Jaco. The PR2's own limits are too high next to a
+    person.
+    """
     return Arm(
         joints=_joints(side),
         end_effector=f"{side[0]}_gripper_tool_frame",
@@ -87,7 +90,9 @@ GRIPS: Mapping[str, Grip] = {
         fingers=_parallel_fingers(0.066),
     ),
 }
-"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
+"""Grips by tool: the pose of the tool in the hand, and the finger positions. The gap between fingertips and tool is at
+most 3 mm.
+"""
 
 
 PR2 = Robot(

@@ -16,7 +16,10 @@ ROBOT_MASS_KG, GRAVITY_M_S2, WHEEL_FRICTION_COEFFICIENT = 24.8, 9.81, 0.6
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the robot. Its arm extends to its right."""
+    """Returns the MuJoCo model of the robot; its arm extends to its right.
+
+    ``appearance``: whether to add visual geoms.
+    """
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.stretch").joinpath("stretch.xml").read_text())
     spec.meshdir = str(Path(str(files(MESH_PACKAGE_BY_ROBOT["Stretch"]))) / "SE3" / "meshes")
     return spec
@@ -36,7 +39,9 @@ GRIPS: Mapping[str, Grip] = {
         ("scratcher", (-0.031, 0.0, 0.0), 0.03),
     )
 }
-"""Tool poses in the hand, by tool. The distance between fingertips and tool is at most 3 mm."""
+"""Grips by tool: the pose of the tool in the hand, and the finger angles. The gap between fingertips and tool is at
+most 3 mm.
+"""
 
 _ARM = Arm(
     joints=("joint_lift", "joint_arm", "joint_wrist_yaw", "joint_wrist_pitch", "joint_wrist_roll"),
@@ -59,8 +64,9 @@ DRIVE = DifferentialDrive(
     force_limit_n=40.0,
     lateral_force_limit_n=WHEEL_FRICTION_COEFFICIENT * ROBOT_MASS_KG * GRAVITY_M_S2,
 )
-"""Maximum speed: robot_params_SE3.py. Track width: the description's wheel joints. The turn rate, the force (an
-acceleration of 1.6 m/s²) and the friction are assumptions."""
+"""Differential drive. Source of the maximum speed: Stretch's robot_params_SE3.py; of the track width: the wheel joints
+in Stretch's URDF. The turn rate, the force (an acceleration of 1.6 m/s²) and the friction are assumptions.
+"""
 
 
 def _mount(x_m: float, y_m: float, along_m: float) -> Mount:

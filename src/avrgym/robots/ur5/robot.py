@@ -20,7 +20,9 @@ STAND_HEIGHT_M = 0.65
 
 
 def build(appearance: bool) -> mujoco.MjSpec:
-    """Returns the model of the arm with a parallel gripper, on the stand."""
+    """Returns the MuJoCo model of the arm with a parallel gripper, on the stand. ``appearance``: whether to add visual
+    geoms.
+    """
     spec = mujoco.MjSpec.from_string(files("avrgym.robots.ur5").joinpath("ur5.xml").read_text())
     if appearance:
         add_meshes(spec, MESH_FOLDER, {link: f"{link}.dae" for link in MESH_LINKS})
@@ -30,13 +32,14 @@ def build(appearance: bool) -> mujoco.MjSpec:
 
 SPEED_LIMITS_DEG_S = (36.0, 36.0, 36.0, 48.0, 48.0, 48.0)
 TORQUE_LIMITS_N_M = (20.0, 20.0, 20.0, 10.0, 10.0, 10.0)
-"""Reduced limits next to a person: the Jaco's speeds, and lower torques than the Jaco's (assumptions). Universal
-Robots' data sheet allows 180 °/s, the public description 150 and 28 N m."""
+"""Torque limits of the six joints, reduced below those of the Jaco because a person is near (assumption). The public
+description of the robot allows 150 and 28 N m.
+"""
 SEED_POSE_DEG: Mapping[Side, tuple[float, ...]] = {
     "right": (142.0, -125.0, -59.0, 4.0, -142.0, 0.0),
     "left": (-84.0, -97.0, -83.0, -96.0, 45.0, 9.0),
 }
-"""Seed poses by arm."""
+"""Initial poses (6,) of the inverse kinematics in degrees, by arm."""
 
 
 def _arm(side: Side) -> Arm:
@@ -50,7 +53,7 @@ GRIP_POINT_M, FINGERTIP_LENGTH_M = (0.13, 0.0, 0.0), 0.015
 
 
 def _fingers(opening_m: float) -> dict[str, float]:
-    """Returns the joint positions of both fingers: their distance from the middle of the hand."""
+    """Returns the joint positions of both fingers by name: their distance from the middle of the hand, metres."""
     return {"finger_left": opening_m, "finger_right": opening_m}
 
 

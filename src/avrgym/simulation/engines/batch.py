@@ -1,4 +1,6 @@
-"""A batch of MuJoCo worlds that detects forks: threads do not survive in the forked process."""
+"""A batch of MuJoCo worlds that detects a fork of the process. The threads of the parent do not exist in a forked
+process.
+"""
 
 import ctypes
 import os
@@ -12,9 +14,10 @@ _LIVING: "WeakSet[ForkSafeBatch]" = WeakSet()
 
 
 class ForkSafeBatch(Batch):
-    """A batch of worlds that raises an error in a forked process. Without the error, it would wait for missing threads.
+    """A batch of worlds that raises an error in a forked process. Without the error, the batch would wait for missing
+    threads.
 
-    A batch with one thread works in both processes.
+    A batch with one thread works in the parent and in the forked process.
     """
 
     def __init__(self, model: mujoco.MjModel, nsim: int, nthread: int = 0, persistent: bool = False) -> None:
@@ -52,7 +55,9 @@ class ForkSafeBatch(Batch):
 
 
 def _keep_forever() -> None:
-    """Keeps the parent's batches in a forked process. Their deletion would wait for threads that do not exist there."""
+    """Prevents the deletion of the parent's batches in a forked process. A deletion would wait for threads that do not
+    exist there.
+    """
     for batch in _LIVING:
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(batch))
 

@@ -1,13 +1,13 @@
 """Corrects contacts that differ between MuJoCo Warp 4.0 and MuJoCo, before constraints are computed.
 
 In MuJoCo the geom with the higher priority determines a contact's parameters. Warp ignores the priority if a geom has
-explicit stiffness and damping (``solref`` below zero). It then uses the lower of the two geoms' values. This module
+explicit stiffness and damping (``solref`` below zero). Warp then uses the lower values of the two geoms. This module
 sets the parameters of the geom with the higher priority, for example of the washcloth on skin.
 
 In MuJoCo a contact's impedance changes with depth from a first to a last value. For people the last value is lower:
-people become more compliant with depth (``models.compliance``). Warp clips the impedance as if the last value were
-higher. People's contacts would then have the last value at any depth. This module therefore sets MuJoCo's impedance at
-the current depth as a constant, with the corresponding stiffness and damping.
+people become more compliant with depth (``models.compliance``). Warp assumes a higher last value when it clips the
+impedance. Contacts with people would then have the last value at any depth. This module therefore sets MuJoCo's
+impedance at the current depth as a constant, with the corresponding stiffness and damping.
 """
 
 # Warp has its own types, and is installed only with the extra ``gpu``.

@@ -46,7 +46,7 @@ WRITABLE_ARRAY_NAMES = WORLD_ARRAY_NAMES[:5]
 
 
 class Engine(Protocol):
-    """Steps N worlds of one model.
+    """Interface of a physics engine, which steps N worlds of one model.
 
     Attributes:
         name: the engine's name in ``--engine``, without the device.
@@ -54,7 +54,7 @@ class Engine(Protocol):
         batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
             states.
         world_arrays: arrays of the current state: the arrays of ``batch``, copies on the host, or tensors on the
-            device.
+            engine's device.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Engine(Protocol):
     world_arrays: WorldArrays
 
     def copy_from_host(self, ids: IntArray) -> None:
-        """Copy models and states of worlds ``ids`` (n,) from ``batch``. The next step starts from them."""
+        """Copy models and states of worlds ``ids`` (n,) from ``batch``. The next step starts from these states."""
         ...
 
     def copy_to_host(self, ids: IntArray) -> None:
@@ -103,14 +103,14 @@ def make_engine(
     Args:
         engine: one of ``ENGINE_CHOICES``.
         model: the model of all worlds.
-        num_worlds: N.
-        num_threads: threads of the host; 0: one per core.
+        num_worlds: number N of worlds.
+        num_threads: number of threads on the host; 0 means one per core.
         on_device: whether ``world_arrays`` contains PyTorch tensors on the engine's device, in single precision. A step
             then copies nothing.
 
     Raises:
         ValueError: for an unknown engine or device, the engine ``threads`` with ``on_device``, or more worlds than
-            memory allows. Also for cloth or a driving robot with ``warp``.
+            memory allows. Also for scenes with cloth or a driving robot if the engine is ``warp``.
         RuntimeError: if a package that the engine needs is not installed.
     """
     check_engine_name(engine)

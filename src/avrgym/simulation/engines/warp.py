@@ -29,8 +29,9 @@ from avrgym.system.engines import WARP
 from avrgym.system.memory import available_memory_bytes
 
 CONTACTS_PER_WORLD, CONTACTS_PER_PARTICLE = 96, 8
-"""Number of contacts for which a world has memory, and number of additional contacts per particle. They are twice the
-maximum in the drinking task."""
+"""Number of contacts for which a world has memory, and number of additional contacts per particle. Both are about twice
+the maximum in the task Drinking.
+"""
 CONSTRAINT_ROWS_PER_CONTACT = 4
 """Number of constraint rows per contact: one for each side of the pyramid that approximates the friction cone."""
 MAX_SENSOR_CONTACTS = 96
@@ -146,7 +147,7 @@ class WarpEngine:
     def _run(self, substeps: int) -> None:
         """Run physics steps. On a GPU, the first call captures a CUDA graph. Later calls replay it.
 
-        This requires constant memory addresses.
+        The replay of a graph requires constant memory addresses.
         """
         if not self._device.is_cuda:
             self._launch(substeps)
@@ -218,7 +219,7 @@ class WarpEngine:
 
     @property
     def _place(self) -> str:
-        """The device's name in PyTorch."""
+        """Returns the name of the engine's device in PyTorch, such as ``cuda:0``."""
         return str(self._warp.device_to_torch(self._device))
 
     def _tensor(self, name: str) -> Any:
@@ -237,14 +238,16 @@ def _has_worlds(field: Field[Any]) -> bool:
 
 
 class WorldCapacity(NamedTuple):
-    """Memory of each world: mean number of contacts, and maximum number of constraint rows."""
+    """Numbers for which Warp allocates memory in each world: mean number of contacts, and maximum number of constraint
+    rows.
+    """
 
     contacts: int
     constraint_rows: int
 
     @classmethod
     def from_model(cls, model: mujoco.MjModel) -> "WorldCapacity":
-        """Returns the capacity that a scene needs."""
+        """Returns the capacity that each world of a model needs."""
         contacts = CONTACTS_PER_WORLD + CONTACTS_PER_PARTICLE * int(
             (model.geom_contype == PARTICLE.contype).sum()
         )
@@ -255,7 +258,7 @@ def _first_gpu(torch: Any) -> str:
     """Returns the name of the first GPU.
 
     Raises:
-        ValueError: if PyTorch finds none.
+        ValueError: if PyTorch finds no GPU.
     """
     if not torch.cuda.is_available():
         raise ValueError(

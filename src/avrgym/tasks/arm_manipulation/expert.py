@@ -1,4 +1,6 @@
-"""Expert for arm manipulation. Its actions depend on the current state only. Policies can therefore imitate it."""
+"""Expert for arm manipulation. Its actions depend only on the current state. Policies without memory can therefore
+imitate it.
+"""
 
 from functools import partial
 
@@ -24,8 +26,8 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 CONTACT_OFFSET_M, MAX_STANDOFF_M, FREE_LATERAL_OFFSET_M, ALONG_FOREARM_WEIGHT = 0.045, 0.08, 0.025, 0.4
 """Distances of the scooper from the forearm.
 
-In contact, the scooper is ``CONTACT_OFFSET_M`` below the forearm's axis. Before contact, while its lateral offset
-exceeds ``FREE_LATERAL_OFFSET_M``, its target is up to ``MAX_STANDOFF_M`` lower. ``ALONG_FOREARM_WEIGHT`` is the weight
+In contact, the scooper is ``CONTACT_OFFSET_M`` below the forearm's axis. Before contact, its target is up to
+``MAX_STANDOFF_M`` lower if its lateral offset exceeds ``FREE_LATERAL_OFFSET_M``. ``ALONG_FOREARM_WEIGHT`` is the weight
 of offsets along the forearm.
 """
 CRADLED_HEIGHT_M, ON_RIM_HEIGHT_M = 0.06, 0.08
@@ -37,15 +39,18 @@ heights, the lateral motion decreases to zero.
 CARRYING_HEIGHT_M = ARMREST_TOP_M + CONTACT_OFFSET_M + 0.03
 """Height of the forearm's axis at which the scooper passes over the armrest."""
 LIFT_HEIGHT_TOLERANCE_M = 0.03
-"""Maximum distance below the carrying height at which the scooper also moves the forearm to the person's left."""
+"""Maximum distance of the forearm below the carrying height at which the scooper also moves it to the person's left."""
 FOREARM_GOAL_OFFSET_M = 0.06
 """Distance of the forearm's goal from the middle of the armrest, to the person's left."""
 MIN_LIFTED_POINT_X_M = RESTING_FOREARM_X_M - 0.145
-"""Smallest x coordinate of the forearm's lifted point during lifting. The far rim does not touch the armrest there."""
+"""Minimum x coordinate of the forearm's lifted point during lifting. At this coordinate, the far rim of the scooper
+does not touch the armrest.
+"""
 MAX_VERTICAL_LEAD_M, HEIGHT_MARGIN_M, LIFT_SPEED_M_S, MIN_SPEED_M_S = 0.05, 0.06, 0.12, 0.02
-"""Maximum vertical distance of the target from the forearm, then height of the target above the carrying height.
+"""First, the maximum vertical distance of the scooper's target from the forearm. Second, the height of the target above
+the carrying height.
 
-The last two values are the maximum and minimum speed of the scooper.
+Third and fourth, the maximum and minimum speed of the scooper.
 """
 
 

@@ -1,7 +1,7 @@
 """Reward of arm manipulation: scooper at the forearm, forearm back on the armrest, and preferences of the person.
 
-Assistive Gym (Erickson et al., 2020) rewards two small distances. One is between the tool and the arm of a person in
-bed. The other is between the torso and elbow and wrist. Here the person sits in a wheelchair, and the arm belongs on
+Assistive Gym (Erickson et al., 2020) rewards two small distances, for a person in bed. One is between the tool and the
+arm, the other between the torso and elbow and wrist. Here the person sits in a wheelchair, and the goal of the arm is
 the armrest.
 """
 
@@ -33,7 +33,8 @@ LIFTED_POINT_FOREARM_SHARE = 0.8
 It is near the centre of mass of forearm and hand.
 """
 UPPER_SIDE_DIRECTION, UPPER_SIDE_WEIGHT = np.array([0.0, -1.0, 0.0]), 0.3
-"""Direction that points up on a resting forearm, in the forearm's frame, and its weight relative to the vertical.
+"""Direction that points up on a resting forearm, in the forearm's frame. The second value is its weight relative to the
+vertical direction.
 
 See ``forearm_up_direction_w``.
 """
@@ -63,14 +64,16 @@ As in Assistive Gym, the two distances have equal weights. The other weights are
 
 @dataclass(frozen=True)
 class ArmManipulationState:
-    """Consecutive control steps with the forearm above the armrest (N,), and whether the task has succeeded (N,)."""
+    """Task state: number of consecutive control steps with the forearm above the armrest (N,), and whether the task has
+    succeeded (N,).
+    """
 
     steps_above: IntArray
     succeeded: BoolArray
 
 
 def init_state(people: People, uniforms: FloatArray) -> ArmManipulationState:
-    """Returns the initial task state: the forearm is not above the armrest."""
+    """Returns the initial task state of N worlds: the forearm is not above the armrest."""
     xp = namespace(uniforms)
     steps = xp.zeros_like(uniforms[:, 0], dtype=xp.int64)
     return ArmManipulationState(steps, steps > 0)

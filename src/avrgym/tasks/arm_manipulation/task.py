@@ -38,7 +38,8 @@ INITIAL_POSE = Pose(
     rest_rad=human.seated_joint_angles(right_shoulder_y=52.0, right_elbow_x=-55.0),
     spread_rad=0.5 * ARM_SPREAD_RAD,
 )
-"""Seated, the upper arm outside the armrest, the forearm hanging down; each joint of the arm within ±5°.
+"""Initial pose: seated, the upper arm outside the armrest, the forearm hanging down. Each joint of the arm is within
+±5°.
 
 With less abduction, the arms of short people overlap the armrest, and the hand is close to a mounted robot.
 """
@@ -49,13 +50,13 @@ LIMP_ARM_STRENGTH_SHARES = {
 }
 """Share of people's strength in the joints of the limp arm (assumption).
 
-The model compensates gravity. Instead of the arm's weight, these torques resist the lift: 0.75 N m at the elbow. The
-shoulder resists a swing of the upper arm with 1.8 N m, and its lowering to the body with 0.3 N m.
+The model compensates gravity. Instead of the arm's weight, these joint torques resist the lift: 0.75 N m at the elbow.
+The shoulder resists a swing of the upper arm with 1.8 N m, and its adduction with 0.3 N m.
 """
 MAX_START_OFFSET_M, MAX_START_X_M = 0.03, -0.44
 """Maximum random offset of the scooper at the start, and largest x coordinate before this offset is added.
 
-There the scooper does not touch the wheel.
+At this coordinate, the scooper does not touch the wheel of the wheelchair.
 """
 
 

@@ -29,7 +29,7 @@ The angle is 0 at the limb's top and positive outwards. The position is 0 at the
 other end.
 """
 MIN_SWEEPS = 4
-"""Minimum number of sweeps. More sweeps follow until enough markers are wiped."""
+"""Minimum number of sweeps. Further sweeps follow until enough markers are wiped."""
 APPROACH_PHASE, TOUCH_PHASE, WIPE_PHASE, LIFT_PHASE, REST_PHASE = range(5)
 
 LIMB_END_MARGIN_M = 0.065
@@ -48,11 +48,11 @@ MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 class BedBathingExpert:
     """Makes several sweeps: approach, touch, wipe, lift. If the arm is stuck, the rest of the sweep is skipped.
 
-    A target below the skin produces the contact force. While the force is low, the target moves deeper.
+    A target of the cloth below the skin produces the contact force. While the force is low, the target moves deeper.
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Starts with the first sweep."""
+        """Start the first sweep in all worlds."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -77,7 +77,9 @@ class BedBathingExpert:
         self._depth_m = np.where(self._phase == WIPE_PHASE, np.clip(deeper, *DEPTH_RANGE_M), TOUCH_DEPTH_M)
 
     def _advance(self, state: State, pos_w: FloatArray, q_w: FloatArray) -> None:
-        """Starts the next phase on arrival, or if wiping is stuck. After lifting, starts the next sweep."""
+        """Start the next phase when the cloth arrives at the target pose, or if wiping is stuck. After the phase of
+        lifting, start the next sweep.
+        """
         away, turn = norm(self._planner.pos_w - pos_w), transforms.angle_between(self._planner.q_w, q_w)
         arrived = (away < ARRIVAL_TOLERANCE_M) & (turn < ARRIVAL_TOLERANCE_RAD)
         arrived = np.where(self._phase == TOUCH_PHASE, state.tool_force_n > CONTACT_FORCE_N, arrived)

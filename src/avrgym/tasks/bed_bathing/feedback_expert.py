@@ -1,7 +1,7 @@
 """Feedback expert for bed bathing: wipes along the top of the arm to the hand, and back along the outer side.
 
-The angle around the arm determines the direction. The expert therefore needs no memory. Positions along the arm are 0
-to 1 on the upper arm and 2 to 3 on the forearm. Across the elbow they are 1 to 2.
+The angle of the cloth around the arm determines the direction of motion. The expert therefore needs no memory.
+Positions along the arm are 0 to 1 on the upper arm and 2 to 3 on the forearm. Across the elbow they are 1 to 2.
 """
 
 import numpy as np
@@ -26,13 +26,13 @@ from avrgym.tasks.experts.motion_planner import MotionPlanner
 from avrgym.tasks.task import TaskState
 
 TOP_PASS_ANGLE_RAD = np.radians(12.0)
-"""Angle around the arm of the motion towards the hand, from the arm's top outwards."""
+"""Angle of the cloth around the arm during the motion towards the hand; 0 at the arm's top, positive outwards."""
 SIDE_PASS_ANGLE_RAD = np.radians(75.0)
-"""Angle around the arm of the motion back to the shoulder, from the arm's top outwards."""
+"""Angle of the cloth around the arm during the motion back to the shoulder; 0 at the arm's top, positive outwards."""
 PASS_BORDER_ANGLE_RAD = np.radians(43.0)
-"""Angle around the arm that separates the motion towards the hand from the motion back."""
+"""Angle around the arm between both motions. Below it the cloth moves towards the hand, above it back."""
 ELBOW_BORDER_ANGLE_RAD = np.radians(22.0)
-"""``PASS_BORDER_ANGLE_RAD`` at the elbow, where the cloth is tilted."""
+"""Replaces ``PASS_BORDER_ANGLE_RAD`` at the elbow, where the cloth is tilted."""
 PASS_TRANSITION_WIDTH_RAD = 0.1
 """Width of the transition between these two motions, as an angle around the arm."""
 TURN_BACK_ARM_POSITION = 2.9
@@ -52,13 +52,13 @@ ELBOW_LIFT_HEIGHT_M = 0.03
 MAX_ADVANCE_HEIGHT_M = 0.01
 """Maximum height above the skin at which the cloth moves along the arm."""
 MIN_SPEED_SHARE = 0.05
-"""Smallest speed along the arm, relative to the full speed."""
+"""Minimum speed of the cloth along the arm, divided by the full speed."""
 DEPTH_GAIN_M_PER_N = 0.0003
-"""Depth step in one control step, per newton of force error."""
+"""Change of the target's depth in one control step, per newton of force error."""
 MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
-"""Minimum and maximum of the depth step in one control step."""
+"""Minimum and maximum change of the target's depth in one control step."""
 NO_CONTACT_DEPTH_STEP_M = 0.006
-"""Depth step in one control step without contact."""
+"""Change of the target's depth in one control step without contact."""
 TARGET_HEIGHT_RANGE_M = (-0.03, 0.01)
 """Range of the target's height above the skin."""
 

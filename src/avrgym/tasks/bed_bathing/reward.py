@@ -25,7 +25,7 @@ from avrgym.tasks.task import StepResult
 MARKER_SPACING_M = 0.03
 WIPE_RADIUS_M = 0.025
 MIN_CONTACT_NORMAL_COSINE = 0.26
-"""Cosine of 75°, the maximum angle between two normals: of the wiping face, and of a contact at its rim."""
+"""Cosine of 75°. This is the maximum angle between the normals of the wiping face and of a contact at its rim."""
 SUCCESS_SHARE = 0.30
 ROUNDING_MARGIN_M = 1e-5
 """Upper bound of the rounding errors of distances, also in single precision."""
@@ -45,10 +45,11 @@ LIMB_GEOM_INDICES = np.array([list(human.GEOMS).index(name) for name in RIGHT_AR
 
 @dataclass(frozen=True)
 class BedBathingState:
-    """Markers on upper arm and forearm. Both limbs have ``MARKERS_PER_LIMB`` slots, as many as the largest limb needs.
+    """Markers on upper arm and forearm. Both limbs have ``MARKERS_PER_LIMB`` marker slots, the number for the largest
+    limb.
 
     ``marker_pos`` (N, 2, ``MARKERS_PER_LIMB``, 3) are positions in the frames of the two limbs, metres. ``exists`` and
-    ``wiped`` are masks (N, 2, ``MARKERS_PER_LIMB``).
+    ``wiped`` are masks (N, 2, ``MARKERS_PER_LIMB``): used slots, and wiped markers.
     """
 
     marker_pos: FloatArray
@@ -75,7 +76,7 @@ MARKERS_PER_LIMB = MAX_RINGS * MARKERS_PER_RING
 def init_state(people: People, uniforms: FloatArray) -> BedBathingState:
     """Returns the initial task state: rings 3 cm apart with markers 3 cm apart, none wiped.
 
-    Thick arms have larger gaps.
+    On thick arms, the distance between markers is larger.
     """
     xp = namespace(uniforms)
     size = human.body_layout_of_people(people, RECLINED).geom_size
@@ -133,7 +134,8 @@ def cloth_distance_m(state: State) -> FloatArray:
     """Returns the distance (N,) of the cloth from the person's body in metres; 0 in contact.
 
     The distance from the centre of the pad is an upper bound of a capsule's distance. Minus the radius of the pad, it
-    is a lower bound. Capsules with a lower bound above the smallest upper bound are not the nearest.
+    is a lower bound. A capsule with a lower bound above the smallest upper bound is not the nearest; its distance is
+    not computed.
     """
     xp, half_size_m = namespace(state.tool_pos_w), PAD_HALF_SIZE_M - PAD_CONTACT_MARGIN_M
     centre_w = state.tool_pos_w + transforms.rotate(state.tool_q_w, PAD_CENTRE_M)
@@ -154,8 +156,8 @@ def cloth_distance_m(state: State) -> FloatArray:
 def _contacts_of_limbs(state: State) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Returns the cloth's contacts (N, 2, C, 3) in the frames of both limbs.
 
-    Also returns a mask (N, 2, C) of contacts within 2.5 cm of the limb, and a mask (N, C) of contacts on the cloth's
-    wiping face, see ``_on_face``.
+    Also returns two masks: (N, 2, C) for contacts within 2.5 cm of the limb, and (N, C) for contacts on the cloth's
+    wiping face. ``_on_face`` defines the second mask.
     """
     xp, limbs = namespace(state.tool_pos_w), constant_like(LIMB_GEOM_INDICES, state.tool_pos_w)
     touching = state.tool_contact_force_n > 0.0

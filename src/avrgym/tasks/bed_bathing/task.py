@@ -45,7 +45,8 @@ INITIAL_POSE = Pose(
     ),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the thigh.
+"""Initial pose: reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the
+thigh.
 
 In the pose of the reference, the fingers of short people would overlap the thigh.
 """

@@ -1,4 +1,4 @@
-"""Experts for dressing: pull the sleeve's opening along the arm, from a point before the hand to the shoulder.
+"""Experts for dressing: pull the sleeve's opening along the arm, from a point in front of the hand to the shoulder.
 
 The target depends on the current state only. The opening faces along the arm. Its direction changes gradually at wrist
 and elbow. The robot's hand is on the outer side of the person's arm.
@@ -27,9 +27,10 @@ HAND_DIRECTION_MOUNTED_W, HAND_DIRECTION_FLOOR_W = (
     np.array([0.985, 0.0, -0.174]),
     np.array([0.766, 0.0, 0.643]),
 )
-"""Outward direction from the arm to the robot's hand: 10° below the horizontal for a robot on the wheelchair.
+"""Directions from the person's arm to the robot's hand, world frame. For a robot on the wheelchair: 10° below the
+horizontal.
 
-For a robot on the floor it is 40° above the horizontal. With these directions the robots reach the whole arm.
+For a robot on the floor: 40° above the horizontal. With these directions the robots reach the whole arm.
 """
 BEND_TRANSITION_DISTANCE_M = 0.06
 """Distance from wrist and elbow over which the direction of the opening changes."""
@@ -42,26 +43,26 @@ times the excess.
 """
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, MIN_SPEED_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0
-"""Between these forces on the person, the speed decreases from full speed to zero.
+"""Range of the force on the person in which the speed of the tool decreases from full speed to zero.
 
 At higher forces the tool moves back along the arm.
 """
 FREE_LAG_M, MAX_LAG_M = 0.03, 0.045
-"""Between these distances of the tool from its planned position, the speed decreases in the same way.
+"""Range of the distance between tool and planned position in which the speed of the tool decreases to zero.
 
 A large distance means that an obstacle blocks the tool.
 """
 SHOULDER_OVERSHOOT_M = 0.04
 """Distance of the hoop's goal beyond the point at which the arm is dressed.
 
-The free half of the opening lags behind the hoop.
+The half of the opening that is not fixed to the hoop lags behind.
 """
 
 
 def sleeve_opening_rotation(scene: SceneConfig, along_w: FloatArray) -> FloatArray:
     """Returns rotations (..., 4) of the opening for pulling directions (..., 3).
 
-    The mount determines on which side of the arm the robot's hand is.
+    The mount of the robot determines the side of the arm on which its hand is.
     """
     xp = namespace(along_w)
     side = constant_like(
@@ -126,10 +127,10 @@ def _path_point(path: ArmPath, at_m: FloatArray) -> tuple[FloatArray, FloatArray
 
 
 class DressingExpert:
-    """Pulls the sleeve along the arm. Each plan starts at the servo targets, not at the measured joint angles."""
+    """Pulls the sleeve along the arm. Plans start at the servo targets, not at the measured joint angles."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Starts at the current joint angles."""
+        """Start with the current joint angles of the robots."""
         self._episodes, self._planner = episodes, MotionPlanner(episodes)
 
     def __call__(self, observation: FloatArray) -> FloatArray:

@@ -1,8 +1,8 @@
 """Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
 
 The arm is a path from the centre of the hand through wrist and elbow to the shoulder. The opening of the sleeve has
-passed a point of the path if its rim winds around the arm there. As in Assistive Gym, the reward increases with the
-covered length of the arm. It decreases with the forces on the person.
+passed a point of the path if its rim winds around the arm at this point. As in Assistive Gym, the reward increases with
+the covered length of the arm. It decreases with the forces on the person.
 """
 
 from collections.abc import Mapping
@@ -25,7 +25,8 @@ from avrgym.tasks.task import StepResult
 DRESSED_SHOULDER_DISTANCE_M = 0.12
 """Distance of the opening from the shoulder joint, along the upper arm, at which the arm is dressed.
 
-At smaller distances the inner side of the opening touches the torso. Its surface is about 0.1 m from the joint.
+At smaller distances the inner side of the opening touches the torso. The surface of the torso is about 0.1 m from the
+joint.
 """
 
 ARM_POINTS = ("wrist", "elbow", "shoulder")
@@ -40,8 +41,9 @@ WEIGHTS: Mapping[str, float] = {
     "cloth_force_n": -0.01,
     "strong_cloth_force_n": -0.05,
 }
-"""Weights of the reward terms: first of the task, then of the person's preferences, as in the other tasks. A fully
-dressed arm gives a reward of about 100."""
+"""Weights of the reward terms: first of the task, then of the person's preferences, as in the other tasks. The reward
+for a fully dressed arm is about 100.
+"""
 
 _GEOMS = list(human.GEOMS)
 HAND_GEOM, FOREARM_GEOM, UPPER_ARM_GEOM = (
@@ -102,13 +104,15 @@ class SleeveOpening(NamedTuple):
 
 
 def init_state(people: People, uniforms: FloatArray) -> DressingState:
-    """Returns the initial task state: nothing is dressed."""
+    """Returns the initial task state of N worlds: no part of the arm is in the sleeve."""
     xp, first = namespace(uniforms), uniforms[:, 0]
     return DressingState(xp.zeros_like(first), xp.zeros_like(xp.astype(first, xp.int64)))
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: DressingState) -> StepResult:
-    """Returns the result of a step. The force elsewhere is the force of the robot's links and of the hoop."""
+    """Returns the result of a step. The force elsewhere (not at the target) is the force of the robot's links and of
+    the hoop on the person.
+    """
     xp, path = namespace(state.tool_pos_w), arm_path(state)
     opening = locate_opening(state, path)
     dressed_m = xp.where(opening.is_around_arm, opening.path_distance_m, 0.0)
@@ -176,7 +180,7 @@ def locate_opening(state: State, path: ArmPath) -> SleeveOpening:
 def nearest_path_point(pos_w: FloatArray, path: ArmPath, *, extended: bool = False) -> NearestPathPoint:
     """Returns the points of the paths that are nearest to positions (N, 3).
 
-    With ``extended``, the first section continues in front of the hand.
+    If ``extended`` is true, the first section is extended in front of the hand.
     """
     xp = namespace(pos_w)
     ahead_m = ((pos_w[:, None] - path.section_start_w) * path.section_direction_w).sum(axis=-1)

@@ -34,7 +34,8 @@ INITIAL_POSE = Pose(
     rest_rad=human.seated_joint_angles(left_shoulder_y=-30.0, left_shoulder_x=-70.0, left_elbow_x=-15.0),
     spread_rad=np.radians([5.0 if joint.body in LEFT_ARM[:2] else 0.0 for joint in JOINTS.values()]),
 )
-"""Seated, the left arm stretched to the front and side; each joint of shoulder and elbow within ±5°."""
+"""Initial pose: seated, the left arm stretched to the front and side. Each joint of shoulder and elbow is within ±5°.
+"""
 START_HAND_DISTANCE_M, MAX_START_OFFSET_M = 0.14, 0.03
 """Initial distance of the opening's centre from the hand's centre, and maximum random offset on each axis."""
 
@@ -47,7 +48,7 @@ def scene(robot: Robot) -> SceneConfig:
 def start(scene: SceneConfig, people: People, uniforms: FloatArray) -> InitialState:
     """Returns initial states with the opening within ±3 cm of a point in front of the hand.
 
-    The tool moves to three goals in turn: openings at wrist, elbow and shoulder.
+    The base search has three goals, in this order: opening poses at wrist, elbow and shoulder.
     """
     xp = namespace(uniforms)
     shoulder_w, elbow_w, wrist_w = (_left_arm_w(people, name) for name in LEFT_ARM)

@@ -16,10 +16,11 @@ from avrgym.tasks.task import RunningEpisodes
 
 APPROACH_YAWS_DEG = (0.0, 15.0, -15.0, 30.0, -30.0)
 APPROACH_ROLLS_DEG = (0.0, -22.5, -45.0)
-"""Candidate approaches: yaw relative to the face, and rotation about the cup's axis. The rotation lowers the robot's
-hand."""
+"""Candidate rotations of the cup about its axis, for each candidate yaw relative to the face. The rotation lowers the
+robot's hand.
+"""
 DISTANCE_COST_S_PER_M = 200.0
-"""Cost per metre of distance between rim and mouth."""
+"""Cost of an approach in seconds, per metre of distance between rim and mouth."""
 
 CARRY_SPEED_M_S, APPROACH_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD, TILT_START_DISTANCE_M = 0.08, 0.03, 0.01
@@ -27,14 +28,14 @@ CLEARANCE_M = 0.003
 POUR_FORWARD_OFFSET_M, POUR_UPWARD_OFFSET_M = 0.01, 0.01
 """Offsets of the pouring edge from the middle of the mouth: in front of the mouth, and above it.
 
-Slow water flows backwards along the cup. The offsets compensate this.
+Slowly poured water flows backwards along the outside of the cup. The offsets compensate this.
 """
 CARRY_TILT_RAD = np.radians(45.0)
 """Tilt of the cup during the approach. The robot's fingers are then below the chin."""
 POUR_START_TILT_RAD = np.radians(70.0)
-"""Tilt below which no water flows out of the cup."""
+"""Tilt of the cup from the vertical below which no water flows out."""
 EMPTY_CUP_TILT_RAD = np.radians(92.0)
-"""Tilt at which the cup is empty."""
+"""Tilt of the cup from the vertical at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_CUP_TILT_RAD), 5)
 """Tilts at which an approach is checked."""
@@ -55,7 +56,7 @@ class Approach:
 
 
 class DrinkingExpert:
-    """Selects an approach for each person and executes it."""
+    """Selects an approach of the cup for each person, and executes it."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
         """Plan the approaches to the current people."""
@@ -142,7 +143,7 @@ def cup_pose_at_mouth(
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the cup pose, (N, 3) and (N, 4), at a tilt.
 
-    The pouring edge is at the lips, or farther away if this is needed to avoid contact.
+    The pouring edge is at the lips. If this pose would cause contact, the cup is farther away.
     """
     yaw = approach_heading_q_w(state, approach)
     tilt = transforms.from_axis_angle([0.0, 1.0, 0.0], tilt_rad)

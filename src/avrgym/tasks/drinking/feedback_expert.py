@@ -1,4 +1,4 @@
-"""Feedback expert for drinking."""
+"""Feedback expert for drinking. Its actions depend only on the current state."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ MAX_TILTING_DISTANCE_M = 0.015
 It contains a margin for the person's motion and the arm's lag.
 """
 TILT_SPEED_RAD_S = 0.12
-"""Tilt rate while pouring."""
+"""Angular speed of the cup's tilt while it pours."""
 
 
 def drinking_target(

@@ -1,9 +1,9 @@
 """Memory-based expert for drinking. Recurrent policies imitate it.
 
 - Near the lips the cup moves slowly, because the person's face follows the cup. If the person leans forward, the cup
-  retreats faster.
+  moves away faster.
 - The cup pours only into a mouth at rest, and stops if the mouth moves. With less water in the cup, pouring begins at a
-  larger tilt. Up to this tilt the cup tilts quickly. Short rests are therefore enough.
+  larger tilt. Up to this tilt the cup tilts quickly. Short times at rest are therefore enough for pouring.
 - While the person looks away, the cup waits at the expected return position of the face. The cup does not wait if the
   face has had this direction since the start.
 - The cup stays on its side of the head. It rotates about its axis and pours over the part of the rim at the lips.
@@ -37,7 +37,7 @@ from avrgym.tasks.task import RunningEpisodes
 MIN_SPEED_M_S = 0.02
 """Minimum speed of a cup that approaches the lips."""
 MIN_RETREAT_SPEED_M_S = 0.10
-"""Minimum speed of a cup that retreats from the lips."""
+"""Minimum speed of a cup that moves away from the lips."""
 POUR_START_DISTANCE_M = 0.03
 """Distance to the lips below which pouring starts."""
 POUR_STOP_DISTANCE_M = 0.05
@@ -45,7 +45,7 @@ POUR_STOP_DISTANCE_M = 0.05
 MAX_RESTING_MOUTH_SPEED_M_S = 0.05
 """Speed below which a mouth is at rest."""
 POUR_TILT_RAD = np.radians(89.5)
-"""Tilt at which the last water reaches the rim. It was measured in simulation at a tilt rate of 0.1 rad/s."""
+"""Tilt at which the last water reaches the rim, in simulation at a tilt rate of 0.1 rad/s."""
 TILT_PER_PARTICLE_RAD = np.radians(0.145)
 """Reduction of the pouring tilt for each particle in the cup. The error is below one degree at any filling."""
 SPILL_MARGIN_RAD = float(np.radians(4.0))
@@ -53,7 +53,7 @@ SPILL_MARGIN_RAD = float(np.radians(4.0))
 TILT_GAIN_PER_S = 3.0
 """Tilt rate per radian of distance from the pouring tilt, 1/s."""
 POUR_SPEED_RAD_S = 0.03
-"""Tilt rate while pouring."""
+"""Angular speed of the cup's tilt while it pours."""
 LOOK_AWAY_ANGLE_RAD = np.radians(25.0)
 """Angle of a face above which the person looks away."""
 FAR_LOOK_AWAY_ANGLE_RAD = np.radians(33.0)
@@ -61,15 +61,14 @@ FAR_LOOK_AWAY_ANGLE_RAD = np.radians(33.0)
 EXPECTED_RETURN_ANGLE_RAD = np.radians(8.0)
 """Expected angle of the face after the person has looked far away.
 
-The expected angle increases linearly to ``LOOK_AWAY_ANGLE_RAD`` as the largest angle decreases to
-``LOOK_AWAY_ANGLE_RAD``.
+If the largest angle was smaller, the expected angle is larger. Both are equal at ``LOOK_AWAY_ANGLE_RAD``.
 """
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """Rotation of the face since the start below which the person does not look away."""
 MAX_GOAL_OVERSHOOT_M = 0.001
-"""Distance of the cup past its goal above which it retreats with at least ``MIN_RETREAT_SPEED_M_S``."""
+"""Distance of the cup past its goal. Above it, the cup moves away with at least ``MIN_RETREAT_SPEED_M_S``."""
 WAITING_STANDOFF_M = 0.01
-"""Additional distance from the lips of a cup that waits."""
+"""Additional distance of a waiting cup from the lips."""
 DEFAULT_LATERAL_OFFSET_M = 0.025
 """Default lateral offset of the cup's reference point from its pouring point.
 
@@ -90,10 +89,10 @@ _RIGHT, _LEFT = (list(GEOMS).index(f"{side}_shoulder") for side in ("right", "le
 
 
 class DrinkingMemoryExpert:
-    """Brings the cup to each of N mouths. Waits while the person looks away, and pours while the mouth is at rest."""
+    """Brings cups to N mouths. A cup waits while the person looks away, and pours while the mouth is at rest."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
-        """Start at the current poses."""
+        """Start with the current poses of the cups and the people."""
         self._cup = cup
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         state = episodes.state()
@@ -146,7 +145,9 @@ class DrinkingMemoryExpert:
 
 
 def _way(left_m: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE) -> Approach:
-    """Returns the approach of cups whose reference point is a distance (N,) to the left of the pouring point."""
+    """Returns the approach of cups. ``left_m`` (N,) is the distance of the reference point to the left of the pouring
+    point.
+    """
     return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 
 
@@ -180,7 +181,9 @@ def _to_the_left(state: State) -> FloatArray:
 
 
 def _turn_rad(state: State) -> FloatArray:
-    """Returns the angle (N,) of faces, to the left of the direction in which a face looks at the cup."""
+    """Returns the yaw angle (N,) of faces in radians. It is 0 for a face that looks at the cup, and positive to the
+    left.
+    """
     into, left = direction_into_face(state), _to_the_left(state)
     turn_rad = elementary.arctan2(
         -(into * left).sum(axis=-1), (into * transforms.cross(expert.UP, left)).sum(axis=-1)
@@ -189,7 +192,7 @@ def _turn_rad(state: State) -> FloatArray:
 
 
 def _expected_rad(turn_rad: FloatArray) -> FloatArray:
-    """Returns the angle (N,) at which faces of people who look away are expected to return."""
+    """Returns the expected return angle (N,) of the faces of people who look away, in radians."""
     share = (np.abs(turn_rad) - LOOK_AWAY_ANGLE_RAD) / (FAR_LOOK_AWAY_ANGLE_RAD - LOOK_AWAY_ANGLE_RAD)
     return np.sign(turn_rad) * np.maximum(
         LOOK_AWAY_ANGLE_RAD - share * (LOOK_AWAY_ANGLE_RAD - EXPECTED_RETURN_ANGLE_RAD),
@@ -205,7 +208,7 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 
 
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
-    """Returns the lateral offset (N,) from the lips that keeps cups on their side of the head.
+    """Returns the lateral offset (N,) from the lips, in metres, at which cups stay on their side of the head.
 
     If the required offset exceeds ``MAX_LIP_OFFSET_M``, the returned offset decreases. It is zero if the required
     offset is 1.5 times this value.

@@ -39,8 +39,9 @@ from the horizontal.
 
 @dataclass(frozen=True)
 class DrinkingState:
-    """States of N × K water particles, as boolean masks (N, K). Particles in ``gone`` have been removed from the
-    scene."""
+    """Task state: boolean masks (N, K) of K water particles in N worlds. ``drunk`` particles are in the mouth, ``gone``
+    particles have been removed from the scene.
+    """
 
     drunk: BoolArray
     spilled: BoolArray
@@ -51,7 +52,7 @@ class DrinkingState:
 def init_state(
     people: People, uniforms: FloatArray, particles: int = len(WATER.initial_pos)
 ) -> DrinkingState:
-    """Returns the initial task state: all water is in the cup. The cup contains ``particles`` particles."""
+    """Returns the initial task state of N worlds: all water (``particles`` particles) is in the cup."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return DrinkingState(nothing, nothing, nothing, nothing)

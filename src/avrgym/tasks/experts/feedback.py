@@ -15,11 +15,11 @@ ToolTarget = tuple[FloatArray, FloatArray, FloatArray]
 
 MAX_SPEED_M_S, TURN_SPEED_RAD_S = 0.35, 0.8
 SPEED_GAIN_PER_S = 2.0
-"""Speed of the approach per metre of distance from the goal, 1/s."""
+"""Approach speed of the tool in m/s, per metre of distance from the goal."""
 STANDOFF_PER_OFFSET = 2.0
-"""Standoff from the goal per metre of lateral offset beyond the free offset."""
+"""Standoff from the goal, per metre of lateral offset that exceeds the free offset."""
 AVOIDED_JOINT_RANGE_SHARE = 0.35
-"""The preferred posture avoids this share of a joint's range at each end."""
+"""Share of a joint's range at each end that the preferred posture avoids."""
 
 
 class FeedbackPlanner(MotionPlanner):
@@ -30,7 +30,7 @@ class FeedbackPlanner(MotionPlanner):
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the current joint positions."""
+        """Start with the current joint positions of the robots."""
         super().__init__(episodes)
         lower, upper = self._chain.lower_limit, self._chain.upper_limit
         ends = AVOIDED_JOINT_RANGE_SHARE * (upper - lower)
@@ -51,7 +51,7 @@ class FeedbackExpert:
     def __init__(
         self, episodes: RunningEpisodes, target: Callable[[State, TaskState, MotionPlanner], ToolTarget]
     ) -> None:
-        """Start at the current joint positions."""
+        """Start with the current joint positions. ``target`` computes the tool target in each control step."""
         self._episodes, self._target = episodes, target
         self._planner = FeedbackPlanner(episodes)
 

@@ -1,4 +1,4 @@
-"""Experts with a low-pass filtered pose of the person. Their tool does not follow a tremor."""
+"""Experts with a low-pass filtered pose of the person. The tool therefore does not follow a tremor."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def filter_tremor(expert: Expert) -> Expert:
 
 
 class _FilteredEpisodes:
-    """Running episodes whose state is filtered."""
+    """Running episodes with a filtered state of the person."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
         self._episodes = episodes

@@ -1,4 +1,4 @@
-"""Approach to the head without contact."""
+"""Computes directions and shifts for an approach to the head without contact."""
 
 import numpy as np
 

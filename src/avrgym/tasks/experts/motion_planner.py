@@ -12,18 +12,20 @@ from avrgym.tasks.task import RunningEpisodes
 
 IK_ITERATIONS = 8
 POSTURE_STEP_SHARE = 0.1
-"""Share of the distance to the preferred posture that the arm covers in one control step."""
+"""Share of the joint distance to the preferred posture that the arm covers in one control step."""
 
 IK_STARTS, MAX_IK_START_OFFSET_RAD = 12, 1.5
-"""Number of start poses of the inverse kinematics, and maximum offset of each joint.
+"""Number of start poses of the inverse kinematics, and maximum offset of each joint from the current pose.
 
-The first is the current pose. The others are random poses around it.
+The first start pose is the current pose. The others are random poses around it.
 """
 CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
 CHECKED_PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
-"""Cost of a collision, cost of tool tilt, and distance at which the collision cost begins."""
+"""Cost of a collision in seconds, and cost of tool tilt in seconds per radian. Below the distance
+``COLLISION_MARGIN_M`` the collision cost begins.
+"""
 MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.003, 0.03
 YAW_GAIN_PER_S = 2.0
 """Turn rate of a driving base per radian of deviation from its initial yaw, 1/s."""
@@ -33,8 +35,8 @@ UP = (0.0, 0.0, 1.0)
 class MotionPlanner:
     """Plans the motion of the robots' arms in N worlds, one control step at a time.
 
-    Plans continue from the servo targets. Servo lag therefore does not slow the tool down. For a driving robot, the
-    first of the J joints is the travel of its base, see ``placement.planning_chain``.
+    Plans continue from the servo targets. The lag of the servos therefore does not slow the tool down. For a driving
+    robot, the first of the J joints is the travel of its base, see ``placement.planning_chain``.
 
     Attributes:
         joint_positions: planned joint positions (N, J).
@@ -45,7 +47,7 @@ class MotionPlanner:
     """
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the current joint positions."""
+        """Start with the current joint positions of the robots."""
         self._episodes, self._simulation = episodes, episodes.simulation
         self.scene = episodes.scene
         self._chain = placement.planning_chain(self.scene)
@@ -128,8 +130,8 @@ class MotionPlanner:
 
         The cost is the duration of the motion, plus the collision cost, plus ``TILT_COST_S_RAD`` per radian of excess
         tilt. The collision cost begins at a distance of ``COLLISION_MARGIN_M``. For a collision it is at least
-        ``COLLISION_COST_S``. At the end of the motion, the tool is not checked. The cost is infinite if no solution was
-        found.
+        ``COLLISION_COST_S``. At the end of the motion, collisions of the tool are not checked. The cost is infinite if
+        no solution was found.
 
         Returns:
             Joint positions (N, K, J), and costs (N, K) in seconds.
@@ -221,7 +223,7 @@ class MotionPlanner:
         self._continue_from(self._simulation.joint_targets())
 
     def _continue_from(self, of_arm: FloatArray) -> None:
-        """Continue from joint positions of the arm (N, J) and from the current base."""
+        """Continue from joint positions of the arm (N, J) and from the current pose of the base."""
         if self._drive is None:
             self._set_positions(of_arm)
             return

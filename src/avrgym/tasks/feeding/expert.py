@@ -25,11 +25,11 @@ YAWS_DEG, PITCHES_DEG, ROLLS_DEG, HEIGHTS_M = np.array(
 The yaw is relative to the direction into the face, the roll is towards the lips.
 """
 OUTSIDE_FOOD_COST_S = 3.0
-"""Cost of each piece of food that may remain outside the mouth."""
+"""Cost in seconds of each piece of food that may remain outside the mouth."""
 FAILURE_COST_S = 10.0
-"""Cost of a pose with too few pieces of food in the mouth for success."""
+"""Cost in seconds of a pose with too few pieces of food in the mouth for success."""
 FOOD_SHIFT_MARGIN_M = 0.001
-"""Margin on the spoon's position for food that slides on the spoon."""
+"""Margin of the spoon's position, because food may slide on the spoon."""
 
 CARRY_SPEED_M_S, INSERTION_SPEED_M_S, TURN_SPEED_RAD_S, MAX_TILT_RAD = 0.35, 0.08, 0.8, np.radians(20.0)
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.03
@@ -47,7 +47,7 @@ class FeedingExpert:
     """Selects a spoon pose for each person. The spoon moves to a point in front of the mouth, then straight in."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan the motion for the current people."""
+        """Plan the motion of the spoons to the current people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         self._tool, count = episodes.scene.tool, episodes.simulation.num_worlds
@@ -91,7 +91,9 @@ class FeedingExpert:
         self._planner.preferred_posture = self._before
 
     def _may_move_closer(self, state: State) -> BoolArray:
-        """Returns a boolean mask (N,) of worlds with too much food on the spoon and a small contact force."""
+        """Returns a boolean mask (N,) of worlds in which the spoon may move closer: too much food is on the spoon, and
+        the contact force is small.
+        """
         on_spoon = norm(state.particle_pos_w - state.tool_pos_w[:, None]) < SPOON_RADIUS_M
         return (on_spoon.sum(axis=-1) > self._spare_pieces) & (state.robot_force_n < MAX_APPROACH_FORCE_N)
 

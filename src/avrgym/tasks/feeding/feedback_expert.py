@@ -1,4 +1,4 @@
-"""Feedback expert for feeding."""
+"""Feedback expert for feeding. Its actions depend only on the current state."""
 
 import numpy as np
 
@@ -26,8 +26,8 @@ def feeding_target(
 ) -> ToolTarget:
     """Returns the next tool target: the level spoon moves into the mouth, through a funnel in front of the face.
 
-    The yaw is the one that the arm reaches best. The spoon stays at least ``standoff_from_mouth_m`` (N,) in front of
-    the mouth.
+    The arm reaches this yaw best, see ``_within_reach``. The spoon stays at least ``standoff_from_mouth_m`` (N,) in
+    front of the mouth.
     """
     into = direction_into_face(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))
@@ -45,7 +45,7 @@ def feeding_target(
 def _within_reach(state: State, planner: MotionPlanner, yaw_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Returns spoon position (N, 3) and rotation (N, 4) of the candidate with the lowest cost.
 
-    The cost is the error of the inverse kinematics plus a cost of yaw.
+    The cost in metres is the error of the inverse kinematics plus a cost of yaw.
     """
     clearance_m = np.full(len(yaw_rad), expert.CLEARANCE_M)
     goals_w: list[FloatArray] = []

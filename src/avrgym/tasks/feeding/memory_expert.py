@@ -1,7 +1,7 @@
-"""Memory-based expert for feeding: keeps a distance while the mouth moves. Recurrent policies imitate it.
+"""Memory-based expert for feeding: maintains a distance while the mouth moves. Recurrent policies imitate it.
 
-A head that moves against the spoon meets the inertia of the whole arm. The spoon therefore waits until the mouth is at
-rest.
+In a collision of the head with the spoon, the inertia of the whole arm causes a high force. The spoon therefore waits
+until the mouth is at rest.
 """
 
 import numpy as np
@@ -17,14 +17,16 @@ from avrgym.tasks.task import RunningEpisodes, TaskState
 MAX_RESTING_MOUTH_SPEED_M_S = 0.04
 """Speed below which a mouth is at rest."""
 MAX_STANDOFF_M = 0.06
-"""Standoff from a mouth at twice ``MAX_RESTING_MOUTH_SPEED_M_S`` or more. It is smaller at lower speeds."""
+"""Standoff of the spoon from a mouth that moves at twice ``MAX_RESTING_MOUTH_SPEED_M_S`` or more. It is smaller at
+lower speeds.
+"""
 
 
 class FeedingMemoryExpert:
-    """Acts like the feedback expert, but keeps a standoff while the mouth moves."""
+    """Acts like the feedback expert, but the spoon has a standoff while the mouth moves."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Start at the current poses."""
+        """Start with the current poses of the spoons and the mouths."""
         self._mouth_w = episodes.state().mouth_pos_w
         self._follow = FeedbackExpert(episodes, self._target)
 
@@ -39,5 +41,5 @@ class FeedingMemoryExpert:
 
 
 def standoff_from_mouth_m(mouth_m_s: FloatArray) -> FloatArray:
-    """Returns the standoff (N,) from mouths with speeds (N,)."""
+    """Returns the standoff (N,) of spoons in metres from mouths with speeds ``mouth_m_s`` (N,)."""
     return MAX_STANDOFF_M * np.clip(mouth_m_s / MAX_RESTING_MOUTH_SPEED_M_S - 1.0, 0.0, 1.0)

@@ -37,7 +37,9 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class FeedingState:
-    """States of N × K pieces of food, as boolean masks (N, K). Eaten and dropped pieces have no further events."""
+    """Task state: boolean masks (N, K) of K pieces of food in N worlds. Eaten and dropped pieces have no further
+    events.
+    """
 
     eaten: BoolArray
     dropped: BoolArray
@@ -45,7 +47,7 @@ class FeedingState:
 
 
 def init_state(people: People, uniforms: FloatArray, particles: int = len(FOOD.initial_pos)) -> FeedingState:
-    """Returns the initial task state for a tool with ``particles`` pieces of food: none is eaten or dropped."""
+    """Returns the initial task state of N worlds: none of ``particles`` pieces of food is eaten or dropped."""
     xp = namespace(uniforms)
     nothing = xp.zeros((len(uniforms), particles), dtype=xp.bool, device=uniforms.device)
     return FeedingState(nothing, nothing, nothing)

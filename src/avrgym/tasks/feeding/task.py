@@ -29,7 +29,7 @@ MAX_BOWL_OFFSET_M = 0.05
 MAX_START_HAND_OFFSET_M = 0.05
 BOWL_TO_HAND_OFFSET_M = np.array([0.0, -0.1, 0.4])
 SPOON_YAWS_RAD = np.array([0.0, -0.5 * np.pi])
-"""Yaw of the spoon relative to the face: with its tip first, or with its left side first."""
+"""Yaw angles of the spoon relative to the face: tip first, or left side first."""
 SPOON_START_Q_W = transforms.from_axis_angle([0.0, 0.0, 1.0], np.asarray(0.5 * np.pi))
 """Initial rotation of the spoon: level, pointing towards the person."""
 

@@ -1,7 +1,7 @@
-"""Extra path length of scratching, for reward shaping.
+"""Extra path length of the tool around the arm in the task ScratchItch, for reward shaping.
 
 An itch may be on the far side of a limb. A reward for a small straight distance then attracts the tool to the near
-side. There the tool gets stuck. A hand without clearance gets stuck in the same way.
+side. The tool gets stuck there. A hand without clearance gets stuck as well.
 """
 
 from avrgym.array_types import FloatArray
@@ -15,7 +15,7 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_limb_frame
 
 MIN_LENGTH_M = 1e-4
 TIP_TO_HAND_DISTANCE_M = 0.06
-"""Distance of the hand from the tip."""
+"""Distance of the robot's hand from the tip of the scratcher."""
 
 
 def limb_detour_m(state: State, task_state: ScratchItchState) -> FloatArray:

@@ -22,17 +22,18 @@ NUM_TILT_DIRECTIONS = 8
 Candidate directions of the rod are normal to the skin, or tilted by each of ``TILTS_RAD`` in each direction.
 """
 TILT_COST_S_PER_RAD = 2.0
-"""Cost per radian of tilt."""
+"""Cost in seconds per radian of the rod's tilt from the skin normal."""
 
 SWING_SPEED_M_S, APPROACH_SPEED_M_S, RUB_SPEED_M_S, TURN_SPEED_RAD_S = 0.30, 0.05, 0.10, 0.8
 STANDOFF_M, ARRIVAL_TOLERANCE_RAD = 0.06, 0.05
 CONTACT_FORCE_N = 0.3
 NO_CONTACT_DEPTH_STEP_M = 0.004
-"""Increase of the depth in each control step without contact."""
+"""Increase of the tip's target depth in each control step without contact."""
 CONTACT_SEARCH_DEPTH_M = 0.03
-"""Target depth below the skin before contact."""
+"""Target depth of the tip below the skin before contact."""
 MIN_DETOUR_COST_S = 20.0
-"""Cost of a plan above which the tool first makes a detour: to a point in front of the wrist and above it."""
+"""Threshold of a plan's cost in seconds. Above it, the tool first moves to a point in front of the wrist and above it.
+"""
 NUM_DETOUR_STEPS = 50
 """Number of control steps of the detour. Then the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
@@ -42,7 +43,7 @@ ROD_DIRECTION = (1.0, 0.0, 0.0)
 LOOP_HALF_AXES_M = np.array([0.014, 0.009])
 """Half axes of the tip's elliptic path around the itch: along and across the limb."""
 LOOKAHEAD_ANGLE_RAD = np.radians(75.0)
-"""Look-ahead angle on this path."""
+"""Angle on the elliptic path between the tip and its target."""
 
 
 class ForceControl(NamedTuple):
@@ -60,10 +61,10 @@ FORCE_CONTROL = ForceControl(
 
 
 class ScratchItchExpert:
-    """Selects a rod direction for each person. The depth follows the measured force."""
+    """Selects a direction of the rod for each person. The measured force controls the depth of the tip."""
 
     def __init__(self, episodes: RunningEpisodes) -> None:
-        """Plan the motion for the current people."""
+        """Plan the motion of the scratchers to the itches of the current people."""
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)
         count = episodes.simulation.num_worlds
@@ -196,7 +197,7 @@ def _ways(out: FloatArray, along: FloatArray) -> tuple[FloatArray, FloatArray]:
 def tip_pos_w(skin_w: FloatArray, out: FloatArray, into: FloatArray) -> FloatArray:
     """Returns the position (..., 3) of the tip of a rod with direction ``into`` that touches the skin at ``skin_w``.
 
-    The end of the rod is round.
+    The tip has a distance from the touched point, because the end of the rod is round.
     """
     return skin_w + ROD_RADIUS_M * (out + into)
 

@@ -1,4 +1,6 @@
-"""Feedback expert for scratching: moves around the arm to the itch."""
+"""Feedback expert for scratching: moves the tip around the arm to the itch. Its actions depend only on the current
+state.
+"""
 
 import numpy as np
 
@@ -27,26 +29,30 @@ The component to the person's right is 1.
 SKIN_NORMAL_WEIGHT = 0.5
 """Weight of the skin normal in the hand's direction, see ``hand_direction_w``."""
 SIDE_CHANGE_NORMAL_Z = -0.35
-"""Vertical component of the skin normal at which the hand changes from above to below the arm."""
+"""Vertical component of the skin normal at which the robot's hand changes from above to below the arm."""
 SIDE_CHANGE_TRANSITION_WIDTH = 0.17
 """Width of this transition, in units of the vertical component."""
 FRONT_DIRECTION_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 """Direction with clearance for a hand in front of the person; world frame."""
 FRONT_MAX_HAND_ANGLE_RAD = 1.0
-"""``MAX_HAND_ANGLE_RAD`` for a hand in front of the person."""
+"""Replaces ``MAX_HAND_ANGLE_RAD`` for a hand in front of the person."""
 FRONT_MAX_ROD_ANGLE_RAD = 0.2
-"""``MAX_ROD_ANGLE_RAD`` for a hand in front of the person."""
+"""Replaces ``MAX_ROD_ANGLE_RAD`` for a hand in front of the person."""
 INWARD_NORMAL_RANGE = (0.6, 0.85)
-"""Range of the skin normal's x component over which the hand changes to the front. The skin faces left."""
+"""Range of the skin normal's x component in which the robot's hand changes to the front of the person. This skin faces
+left.
+"""
 NOT_DOWNWARD_NORMAL_RANGE = (-0.5, -0.3)
-"""Range of the skin normal's z component over which the hand changes to the front. The skin does not face down."""
+"""Range of the skin normal's z component in which the robot's hand changes to the front of the person. This skin does
+not face down.
+"""
 REMAINING_ROTATION_RANGE_RAD = (0.2, 0.6)
 """Range of the remaining rotation of a hand in front of the person.
 
 Below the range the hand approaches the itch. Above the range it waits in front of the wrist.
 """
 BLEND_WEIGHT_RANGE = (0.0, 1.0)
-"""Range of a blending weight."""
+"""Range of the weight for blending two approaches."""
 MAX_LATERAL_OFFSET_M = 0.02
 """Maximum lateral offset from the itch at which the tip moves to the skin."""
 MAX_LOOKAHEAD_ANGLE_RAD = 0.8
@@ -60,17 +66,17 @@ FORCE_CONTROL = expert.ForceControl(
 MAX_LINK_FORCE_N = 5.0
 """Force of the links on the person above which the arm withdraws."""
 WITHDRAWAL_DISTANCE_M = 0.03
-"""Distance of this withdrawal."""
+"""Distance of the arm's withdrawal, see ``MAX_LINK_FORCE_N``."""
 WITHDRAWAL_SPEED_M_S = 0.3
-"""Speed of this withdrawal."""
+"""Speed of the arm's withdrawal, see ``MAX_LINK_FORCE_N``."""
 
 
 def scratching_target(state: State, task_state: ScratchItchState, planner: MotionPlanner) -> ToolTarget:
     """Returns the next tool target: the tip moves around the limb above the skin to the itch, then rubs.
 
-    For an itch on the inner side, a robot on the wheelchair first moves its hand in front of the person's wrist. There
-    it rotates the hand. A robot on the floor does not: its thicker arm would touch the person, see ``memory_expert``.
-    If links press on the person, the arm withdraws.
+    For an itch on the inner side, a robot on the wheelchair first moves its hand to the person's wrist. In front of the
+    wrist it rotates the hand. A robot on the floor does not do this, because its thicker arm would touch the person;
+    see ``memory_expert``. If links press on the person, the arm withdraws.
     """
     out_w, _ = expert.skin_directions_w(task_state, itch_limb_frame(state, task_state)[1])
     return blended_target(

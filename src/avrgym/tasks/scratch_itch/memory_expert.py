@@ -1,4 +1,5 @@
-"""Memory-based expert for scratching: stores whether the arm has swung to the front. Recurrent policies imitate it.
+"""Memory-based expert for scratching: stores whether the robot's arm has moved (swung) to the front of the person.
+Recurrent policies imitate it.
 
 The robot reaches the inner side of the forearm from the front, over the lap. On a direct path the robot's elbow would
 touch the person. The arm therefore first makes a fixed joint-space motion to a point in front of the wrist and above
@@ -25,8 +26,8 @@ from avrgym.tasks.task import Controller, RunningEpisodes
 class SwingMotion(NamedTuple):
     """A swing to the front: a fixed joint-space motion.
 
-    ``joint_displacements`` (J,) are joint displacements. ``inward_range`` and ``not_downward_range`` are ranges of the
-    skin normals for which the swing is used, see ``front_approach_share``.
+    ``joint_displacements`` (J,) are the changes of the joint positions, in radians. ``inward_range`` and
+    ``not_downward_range`` are ranges of the skin normals for which the swing is used, see ``front_approach_share``.
     """
 
     joint_displacements: tuple[float, ...]
@@ -42,7 +43,9 @@ SWING_BY_ROBOT = {
         (-0.85, -0.6, -0.9, 0.0, 2.6, 0.75, 0.0), inward_range=(0.3, 0.6), not_downward_range=(-0.7, -0.5)
     ),
 }
-"""Swings by robot. Jaco: median of the feedback expert's motions to the front. PR2: mean of the planned detours."""
+"""Swings by name of the robot. For the Jaco, they are the median of the feedback expert's motions to the front; for the
+PR2, the mean of the planned detours.
+"""
 FRONT_SHARE_THRESHOLD = 0.5
 """The arm first swings if ``front_approach_share`` exceeds this value."""
 SWING_COMPLETE_SHARE = 0.85
@@ -61,7 +64,7 @@ class SwingToFrontExpert:
     """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: SwingMotion) -> None:
-        """Start at the current poses."""
+        """Start with the current poses of the robots and the people."""
         self._episodes, self._planner = episodes, FeedbackPlanner(episodes)
         self._swing, self._first = swing, self._planner.joint_positions
         self._way = np.array(swing.joint_displacements)

@@ -42,7 +42,7 @@ WEIGHTS: Mapping[str, float] = {
 
 @dataclass(frozen=True)
 class ScratchItchState:
-    """The itch, and the scratches of the episode.
+    """Task state of N worlds: the itch, and the scratches of the episode.
 
     Attributes:
         limb: index in ``RIGHT_ARM_LIMBS`` (N,).
@@ -57,9 +57,9 @@ class ScratchItchState:
 
 
 def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
-    """Returns the initial task state: an itch on the upper arm or forearm (equally likely).
+    """Returns the initial task state of N worlds: an itch on the upper arm or forearm (equally likely).
 
-    Its position along and around the limb is uniformly distributed.
+    The position of the itch along and around the limb is uniformly distributed.
     """
     xp = namespace(uniforms)
     limb = xp.astype(uniforms[:, 3] < 0.5, xp.int64)
@@ -78,8 +78,8 @@ def init_state(people: People, uniforms: FloatArray) -> ScratchItchState:
 def evaluate_step(state: State, action: FloatArray, task_state: ScratchItchState) -> StepResult:
     """Returns the result of a step, with at most one new scratch.
 
-    A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. Its position is the force-weighted mean
-    of the contacts. Since the last scratch, it must have moved more than 1 cm in the limb's frame.
+    A scratch is a tool contact within 2.5 cm of the itch with less than 10 N. The position of a scratch is the
+    force-weighted mean of the contacts. It must be more than 1 cm from the previous scratch in the limb's frame.
     """
     xp, itch_w = namespace(state.tool_pos_w), itch_pos_w(state, task_state)
     force_n, place = _touch(state, task_state, itch_w)

@@ -43,7 +43,9 @@ INITIAL_POSE = Pose(
     rest_rad=human.seated_joint_angles(right_shoulder_y=30.0),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Seated, the right arm abducted by 30°, each of its joints within ±10° (paper, section V; reference)."""
+"""Initial pose: seated, the right arm abducted by 30°, each joint of this arm within ±10° (paper, section V;
+reference).
+"""
 
 
 def scene(robot: Robot) -> SceneConfig:
