@@ -114,7 +114,7 @@ export interface Target {
   label: string;
 }
 
-/** How texts and sounds are presented to a participant.
+/** Presentation of texts and sounds to a participant.
  *
  * `text_deg` determines the size of the whole panel in VR: at 1.5° the panel is 31° wide. On the page without a
  * headset, it determines the font size in proportion.
