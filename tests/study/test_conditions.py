@@ -1,5 +1,6 @@
 """Conditions of a study with the same policy: autonomous, and paced by participants with their own preferences."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -8,7 +9,7 @@ from typing import Any, cast
 import pytest
 from typer.testing import CliRunner
 
-from avrgym.analysis.commands import describe_condition
+from avrgym.analysis.commands import commands_section, describe_condition
 from avrgym.analysis.study import analyse_study
 from avrgym.cli.main import app
 from avrgym.commands.preferences import Preferences
@@ -158,6 +159,9 @@ def test_simulated_participants_command_only_the_paced_robot(tmp_path: Path) -> 
     (row,) = found.study_data.commands
     assert (row.policy, row.commands > 0, row.waiting_s > 0.0) == ("participant_paced", True, True)
     assert row.agreement_share == 1.0
+    section = str(commands_section(found.design, found.study_data.trials, found.study_data.commands, True))
+    cells = ("participant_paced", "100%", "15", "any", "on cue", "–", "50%", "1", "1")
+    assert re.findall(r"<td[^>]*>([^<]*)</td>", section)[-len(cells) :] == list(cells)
     notes = {row.policy: row.simulation_note for row in found.objective_outcomes if row.task == "Feeding"}
     assert "no commands" not in notes["autonomous"]
     assert (
@@ -205,7 +209,7 @@ def test_a_condition_changes_the_settings_of_its_trials(tmp_path: Path) -> None:
     ("settings", "problem"),
     [
         ("seat_height_m = 0.5", "no furniture for the setting seat_height_m"),
-        ("control_hz = 20", "the same rate"),
+        ("control_hz = 20", "the same control rate"),
         ("range_share = 0.5", "participants have their own bodies"),
     ],
 )

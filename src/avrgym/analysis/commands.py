@@ -1,9 +1,18 @@
 """Report section about commands to the robot: conditions, number of commands, waiting time and agreement."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
 from statistics import fmean
 
-from avrgym.analysis.page.elements import Markup, bullet_list, group_caption, number_text, table, tag
+from avrgym.analysis.page.elements import (
+    Markup,
+    bullet_list,
+    group_caption,
+    number_text,
+    short_number_text,
+    table,
+    tag,
+)
 from avrgym.analysis.reading.commands import CommandRow
 from avrgym.analysis.reading.rows import TrialRow
 from avrgym.commands.preferences import describe_preferences
@@ -45,7 +54,34 @@ def commands_section(
             body,
             numbers=range(3, len(heads)),
         ),
+        _preferences_table(design, own.values(), simulated),
     )
+
+
+def _preferences_table(design: Design, rows: Iterable[CommandRow], simulated: bool) -> Markup:
+    """Returns a table of the participants' own preferences; empty if no condition uses them."""
+    with_preferences = [name for name, rules in design.conditions.items() if rules.preferences]
+    own = [row for row in rows if row.counted and row.policy in with_preferences]
+    if not own:
+        return Markup()
+    groups = defaultdict[tuple[object, ...], list[CommandRow]](list)
+    for row in own:
+        groups[
+            row.policy,
+            f"{row.preferred_speed:.0%}",
+            short_number_text(100.0 * row.preferred_distance_m),
+            row.preferred_side,
+            row.bite_timing.replace("_", " "),
+            "–" if row.bite_timing == "on_cue" else short_number_text(row.pause_s),
+            f"{row.force_share:.0%}",
+        ].append(row)
+    heads = (
+        "Condition", "Speed", "Distance / cm", "Side", "Continues", "Pause / s", "Force, of the limit", "Participants",
+        "Trials",
+    )  # fmt: skip
+    body = [(*key, len({row.participant for row in each}), len(each)) for key, each in sorted(groups.items())]
+    caption = group_caption("Participants' own preferences at the start of their trials", simulated)
+    return table(caption, heads, body, numbers=(1, 2, 5, 6, 7, 8))
 
 
 def describe_condition(rules: Condition) -> str:

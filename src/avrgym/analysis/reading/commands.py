@@ -1,10 +1,11 @@
 """Commands to the robot in each trial: number, waiting time, and agreement with the robot's motion."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, get_args
 
 from avrgym.analysis.columns import AT_LEAST_0, SHARE, PolicyName, RobotName, TaskName, TrialPosition
 from avrgym.analysis.reading.rows import ParticipantColumns, TrialRow
+from avrgym.commands.preferences import BiteTiming, PreferredSide
 from avrgym.commands.vocabulary import COMMAND_NAMES
 from avrgym.recording.reader import Recording
 from avrgym.recording.schema import Pacing, RobotCommand
@@ -51,12 +52,32 @@ class CommandRow(ParticipantColumns):
     ]
     speed_factor: Annotated[float, Column("Factor of the policy's speed, mean over the trial.")]
     distance_m: Annotated[float, Column("Preferred distance of the tool at the end of the trial.", unit="m")]
+    preferred_speed: Annotated[
+        float, Column("Preferred factor of the policy's speed, at the start of the trial.")
+    ]
+    preferred_distance_m: Annotated[
+        float, Column("Preferred distance of the tool, at the start of the trial.", unit="m")
+    ]
+    preferred_side: Annotated[
+        str, Column("Preferred side of the waiting tool.", allowed=", ".join(get_args(PreferredSide)))
+    ]
+    bite_timing: Annotated[
+        str,
+        Column("Condition for leaving the waiting pose.", allowed=", ".join(get_args(BiteTiming))),
+    ]
+    pause_s: Annotated[
+        float, Column("Pause after which the robot continues by itself, if it does.", unit="s")
+    ]
+    force_share: Annotated[
+        float, Column("Share of the force limits at which the force guard retracts the arm.", allowed=SHARE)
+    ]
 
 
 def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> CommandRow | None:
     """Returns the row of a trial; ``None`` if the trial had no commands and no preferences."""
     pacing: list[Pacing] = [record for _, record in recording.messages_by_topic["/pacing"]]
-    if recording.configuration.trial_rules is None or not pacing:
+    rules = recording.configuration.trial_rules
+    if rules is None or not pacing:
         return None
     given: list[RobotCommand] = [record for _, record in recording.messages_by_topic["/robot_commands"]]
     executed = [command for command in given if not command.refusal_reason]
@@ -79,6 +100,12 @@ def command_row(recording: Recording, row: TrialRow, control_step_s: float) -> C
         agreement_share=sum(agreed) / len(agreed) if agreed else None,
         speed_factor=sum(record.speed_factor for record in pacing) / len(pacing),
         distance_m=pacing[-1].preferred_distance_m,
+        preferred_speed=rules.preferences.speed,
+        preferred_distance_m=rules.preferences.distance_m,
+        preferred_side=rules.preferences.side,
+        bite_timing=rules.preferences.bite_timing,
+        pause_s=rules.preferences.pause_s,
+        force_share=rules.preferences.force_share,
     )
 
 
