@@ -5,7 +5,14 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from avrgym.commands.preferences import ConditionRules, Preferences, apply_preferences, describe_preferences
+from avrgym.commands.preferences import (
+    ConditionRules,
+    GestureThresholds,
+    Preferences,
+    apply_preferences,
+    change_preferences,
+    describe_preferences,
+)
 from avrgym.commands.vocabulary import COMMAND_NAMES, COMMAND_SOURCES, ROBOT_COMMANDS, commands_of_source
 from avrgym.study.design.design import DesignError, default_design_text, parse_design
 
@@ -45,6 +52,23 @@ def test_contradictions_are_refused(changes: dict, own: Preferences | None, mess
 def test_impossible_preferences_are_refused(field: str, value: object) -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({field: value}, Preferences)
+
+
+def test_texts_change_preferences_and_thresholds() -> None:
+    changed = change_preferences(Preferences(side="left"), ["speed=0.5", "sources=nod, key", "swing_deg=4"])
+    changed = change_preferences(changed, ["gaze_s=2"])
+    assert changed == Preferences(
+        side="left",
+        speed=0.5,
+        sources=("nod", "key"),
+        thresholds=GestureThresholds(swing_deg=4.0, gaze_s=2.0),
+    )
+    for change, message in (
+        ("swings=1", "thresholds.swings is '1'; allowed: 2 to 6"),
+        ("thresholds=1", "unknown preference 'thresholds'; allowed: speed, .*, gaze_s"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            change_preferences(changed, [change])
 
 
 def test_preferences_apply_only_where_the_condition_says_so() -> None:

@@ -52,13 +52,16 @@ function offerConfirmation(form: HTMLFormElement, error: unknown): never {
   throw error;
 }
 
-/** Shows one confirmation field of a form and hides all others. */
+/** Preferences that the form contains in hundredths, by field. */
+const HUNDREDTHS: Readonly<Record<string, string>> = { distance_cm: "distance_m", force_percent: "force_share" };
+
 /** The preferences that the form changes, as `name=value`. */
 function changesIn(form: HTMLFormElement): string[] {
   const values = [...new FormData(form).entries()].filter(([, value]) => value !== "");
-  return values.map(([name, value]) => (name === "distance_cm" ? `distance_m=${Number(value) / 100}` : `${name}=${value}`));
+  return values.map(([name, value]) => (name in HUNDREDTHS ? `${HUNDREDTHS[name]}=${Number(value) / 100}` : `${name}=${value}`));
 }
 
+/** Shows one confirmation field of a form and hides all others. */
 function showConfirmation(form: HTMLFormElement, name: string | null): void {
   for (const field of form.querySelectorAll<HTMLElement>("[data-confirm]")) field.hidden = field.dataset["confirm"] !== name;
 }

@@ -389,8 +389,8 @@ def preferences(
 ) -> None:
     """Show or change a participant's preferences.
 
-    Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands and sources. They apply in the
-    conditions with preferences = true.
+    Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands, sources, and the thresholds
+    of gestures swing_deg, swings, gaze_deg and gaze_s. They apply in the conditions with preferences = true.
     """
     from avrgym.commands.preferences import Preferences, change_preferences, describe_preferences
     from avrgym.study.people.participants import participant_texts

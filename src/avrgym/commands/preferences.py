@@ -88,17 +88,24 @@ DEFAULT_PREFERENCES = Preferences()
 def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Preferences:
     """Returns preferences with changes from texts ``name=value``. Items of lists are separated by commas.
 
+    The names are those of ``Preferences`` and of ``GestureThresholds``.
+
     Raises:
         ValueError: for an unknown name, or a value that is not allowed.
     """
     values = msgspec.to_builtins(preferences)
+    own = [name for name in Preferences.__struct_fields__ if name != "thresholds"]
     for change in changes:
         name, _, text = (part.strip() for part in change.partition("="))
-        if name not in Preferences.__struct_fields__ or name == "thresholds":
-            allowed = [each for each in Preferences.__struct_fields__ if each != "thresholds"]
-            raise ValueError(f"unknown preference {name!r}; allowed: {', '.join(allowed)}")
-        is_list = name in ("commands", "sources")
-        values[name] = [word.strip() for word in text.split(",") if word.strip()] if is_list else text
+        if name in GestureThresholds.__struct_fields__:
+            values["thresholds"] = {**(values.get("thresholds") or {}), name: text}
+        elif name in ("commands", "sources"):
+            values[name] = [word.strip() for word in text.split(",") if word.strip()]
+        elif name in own:
+            values[name] = text
+        else:
+            allowed = ", ".join((*own, *GestureThresholds.__struct_fields__))
+            raise ValueError(f"unknown preference {name!r}; allowed: {allowed}")
     return convert_to_struct(values, Preferences, strict=False)
 
 
