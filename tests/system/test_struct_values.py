@@ -23,6 +23,11 @@ from avrgym.system.struct_values import convert_to_struct
         (InputProfile, {"select_key": 33 * "a"}, "allowed: a text of at most 32 characters"),
         (InputProfile, {"hand": 1}, "unknown name 'hand'; allowed: method, dwell_s"),
         (Preferences, {"speed": 9}, "speed is 9; allowed: 0.25 to 1.25"),
+        (
+            Preferences,
+            {"sources": ["key", "voice"]},
+            "shake, button, dwell, key, switch, caregiver, experimenter",
+        ),
         (Preferences, {"commands": 5}, "commands is 5; allowed: a list"),
         (Preferences, {"thresholds": {"swings": 1}}, "thresholds.swings is 1; allowed: 2 to 6"),
     ],

@@ -59,7 +59,8 @@ def _plain_type(kind: inspect.Type) -> inspect.Type:
     if isinstance(kind, inspect.Metadata):
         return _plain_type(kind.type)
     if isinstance(kind, inspect.UnionType):
-        return _plain_type(next(each for each in kind.types if not isinstance(each, inspect.NoneType)))
+        others = tuple(each for each in kind.types if not isinstance(each, inspect.NoneType))
+        return _plain_type(others[0]) if len(others) == 1 else inspect.UnionType(others)
     return kind
 
 
@@ -72,6 +73,8 @@ def _value_below(whole: Any, key: str | int) -> Any:
 def _describe_type(kind: inspect.Type) -> str:
     """Returns a text with the allowed values of a type; an empty text for structs."""
     match _plain_type(kind):
+        case inspect.UnionType(types=types):
+            return ", ".join(_describe_type(each) for each in types)
         case inspect.LiteralType(values=values):
             return ", ".join(str(each) for each in values)
         case inspect.FloatType(ge=low, le=high) | inspect.IntType(ge=low, le=high) if low is not None:
