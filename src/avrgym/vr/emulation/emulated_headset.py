@@ -182,11 +182,13 @@ class EmulatedHeadset:
         )
 
     def look_at_button(self, value: int) -> None:
-        """Turn the head away from the panel, then look at the answer button of a value."""
+        """Turn the head away from the panel until no button is highlighted, then look at the button of a value."""
         x, y, z = self._centre_of(value)
-        for point in ((x, y + 3.0, z), (x, y, z)):
-            self.call_emulator("lookAt", point)
-            self.wait_for_frames(3)
+        self.call_emulator("lookAt", (x, y + 3.0, z))
+        self.wait_for_frames(3)
+        self.page.wait_for_function("() => window.avrgymEmulator.highlighted() === null")
+        self.call_emulator("lookAt", (x, y, z))
+        self.wait_for_frames(3)
 
     def screenshot(self, path: Path) -> Path:
         """Saves the participant's view of both eyes as an image. Returns its path."""
