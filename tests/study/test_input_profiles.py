@@ -43,7 +43,7 @@ def test_profiles_are_stored_and_recorded_with_each_attempt(tmp_path: Path) -> N
         ({"dwell_s": 5}, "dwell_s is 5; allowed: 0.5 to 3"),
         ({"method": "left-hand", "absent_arms": ["left"]}, "left-hand needs an arm"),
         ({"presentation": {"text_deg": 5}}, "text_deg is 5; allowed: 1 to 3"),
-        ({"presentation": {"position": "top"}}, "Invalid enum value 'top'"),
+        ({"presentation": {"position": "top"}}, "position is 'top'; allowed: centre, left, right"),
     ],
 )
 def test_impossible_profiles_are_refused(values: dict, words: str) -> None:

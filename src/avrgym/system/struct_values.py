@@ -46,12 +46,11 @@ def _describe_error(text: str, values: Any, kind: type[msgspec.Struct]) -> str:
 
 
 def _type_below(whole: inspect.Type, key: str | int) -> inspect.Type:
-    """Returns the type of a field, or of an entry of a list."""
+    """Returns the type of a field, or of an entry of a list; any type for other containers."""
     whole = _plain_type(whole)
     if isinstance(whole, inspect.StructType):
         return next(each.type for each in whole.fields if each.encode_name == key)
-    assert isinstance(whole, inspect.CollectionType)
-    return whole.item_type
+    return whole.item_type if isinstance(whole, inspect.CollectionType) else inspect.AnyType()
 
 
 def _plain_type(kind: inspect.Type) -> inspect.Type:
@@ -71,7 +70,7 @@ def _value_below(whole: Any, key: str | int) -> Any:
 
 
 def _describe_type(kind: inspect.Type) -> str:
-    """Returns a text with the allowed values of a type; an empty text for structs."""
+    """Returns the allowed values in words; empty for structs and any type."""
     match _plain_type(kind):
         case inspect.UnionType(types=types):
             return ", ".join(_describe_type(each) for each in types)
@@ -79,7 +78,9 @@ def _describe_type(kind: inspect.Type) -> str:
             return ", ".join(str(each) for each in values)
         case inspect.FloatType(ge=low, le=high) | inspect.IntType(ge=low, le=high) if low is not None:
             return f"{low:g} to {high:g}" if high is not None else f"{low:g} or more"
-        case inspect.FloatType() | inspect.IntType():
+        case inspect.IntType():
+            return "an integer"
+        case inspect.FloatType():
             return "a number"
         case inspect.BoolType():
             return "true or false"
