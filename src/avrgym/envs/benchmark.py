@@ -22,7 +22,7 @@ from avrgym.tasks.constants import EPISODE_STEPS
 from avrgym.tasks.episodes import Episodes
 
 NUM_RUNS = 5
-"""Number of repeated measurements of an environment."""
+"""Number of measurement runs of an environment; medians over these runs are reported."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def measure_simulation_speed(
 
 
 CAMERA_SIZES_PX = ((64, 64), (128, 128), (640, 480))
-"""Width and height of the measured images."""
+"""Width and height of the images for which the rendering speed is measured."""
 NUM_IMAGES = 10
 """Number of images of one kind and size in a measurement."""
 
@@ -137,8 +137,9 @@ def measure_camera_speed(
 
 
 def _run(episodes: Episodes, seed: int, steps: int) -> _Run:
-    """Runs ``steps`` control steps of all worlds with all computations, then with physics alone. Returns the
-    durations."""
+    """Runs ``steps`` control steps of all worlds with all computations, then with physics alone. Returns both
+    durations.
+    """
     engine = episodes.simulation.engine
     drawn = random_streams.benchmark_action_generator(seed).uniform(
         -1.0, 1.0, (steps, episodes.simulation.num_worlds, episodes.action_size)

@@ -57,7 +57,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[LeRobotObservation, dict[str, Any]]:
-        """Start an episode. Returns the first observation and info."""
+        """Start an episode. Returns the first observation and Gymnasium's ``info`` dictionary."""
         super().reset(seed=seed)
         observation, info = self._world.reset(seed=seed)
         return self._converted(observation), {**info, "is_success": info["success"]}
@@ -78,7 +78,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
         return self._world.render()
 
     def close(self) -> None:
-        """Close the renderer, which frees its graphics memory."""
+        """Close the renderer of the camera images, which frees its graphics memory."""
         self._world.close()
 
     def _converted(self, observation: AnyObservation) -> LeRobotObservation:

@@ -14,7 +14,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.task import View
 
 IMAGE_HEIGHT_PX, IMAGE_WIDTH_PX = 480, 640
-"""Default height and width of images."""
+"""Default height and width of rendered images of a world, in pixels."""
 SHADOW_MAP_SIZE_PX = 2048
 """Width and height of the shadow map: half of MuJoCo's default, sufficient for a scene of 2 m. Without a graphics card,
 a smaller map shortens rendering.
@@ -87,7 +87,7 @@ class Camera:
             scene.ngeom += 1
 
     def close(self) -> None:
-        """Free the graphics memory."""
+        """Free the graphics memory of the camera. Afterwards, ``render`` cannot be called."""
         self._renderer.close()
 
 

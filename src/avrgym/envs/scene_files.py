@@ -27,15 +27,15 @@ MJB_FILE, MJCF_FILE, START_FILE, USD_FILE = "scene.mjb", "scene.xml", "start.jso
 EPISODE_MODEL_FIELDS = ("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia")
 """Model fields that an episode sets and MJCF can store. MJCF cannot store ``body_invweight0``."""
 START_KEYFRAME = "start"
-"""Name of the keyframe with the initial state."""
+"""Name of the MJCF keyframe with the initial state of the episode."""
 
 
 def write_scene(episodes: Episodes, out: Path) -> None:
     """Write the scene of the first world at the start of its episode into a new folder.
 
     The files are ``MJB_FILE``, ``MJCF_FILE`` with textures, and ``START_FILE`` (JSON). ``START_FILE`` contains the
-    environment id, the person, the initial simulation state and the program versions. The MJB file reproduces the
-    simulation bit for bit. It contains no visual geoms. The MJCF file contains dynamics and appearance, with six
+    environment id, the person, the initial simulation state and the program versions. ``MJB_FILE`` reproduces the
+    simulation bit for bit, but contains no visual geoms. ``MJCF_FILE`` contains dynamics and appearance, with six
     significant digits. In MJCF the person is less compliant, because MJCF cannot store the person's higher
     ``body_invweight0``.
 
@@ -60,7 +60,7 @@ def write_scene(episodes: Episodes, out: Path) -> None:
 
 
 def check_new_folder(out: Path) -> None:
-    """Raises ``FileExistsError`` if the folder exists."""
+    """Raises ``FileExistsError`` if the output folder ``out`` exists."""
     if out.exists():
         raise FileExistsError(f"folder {out} already exists; choose a new folder")
 

@@ -1,4 +1,4 @@
-"""The Gymnasium environment of one world."""
+"""The Gymnasium environment of one world, for ``gym.make``."""
 
 from collections.abc import Mapping, Sequence
 from inspect import currentframe
@@ -30,7 +30,7 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.settings import settings_from_values
 
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": round(1.0 / CONTROL_STEP_S)}
-"""Gymnasium's metadata of environments at the default control rate."""
+"""Gymnasium's metadata (render modes and frame rate) of environments at the default control rate."""
 
 
 def metadata_of(episodes: Episodes) -> dict[str, Any]:
@@ -140,7 +140,7 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return self._observed(step), float(step.reward[0]), False, self._steps_left == 0, info_of(step)
 
     def close(self) -> None:
-        """Free the graphics memory. The next image allocates it again."""
+        """Free the graphics memory of images. The next image allocates it again."""
         super().close()
         self.episodes.close_images()
 

@@ -15,13 +15,13 @@ from avrgym.system.type_guards import is_array, is_table
 
 
 class SerializableSpec:
-    """Base class of environments with a ``spec`` of JSON types. Its method ``to_json()`` therefore works."""
+    """Base class of environments. Their ``spec`` contains only JSON types; its method ``to_json()`` therefore works."""
 
     _spec: EnvSpec | None = None
 
     @property
     def spec(self) -> Any:
-        """Gymnasium's specification of the environment."""
+        """Gymnasium's ``EnvSpec`` of the environment, with arguments of JSON types."""
         return self._spec
 
     @spec.setter

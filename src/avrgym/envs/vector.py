@@ -1,4 +1,4 @@
-"""The native vector environment: it steps many worlds in parallel."""
+"""The native vector environment, for ``gym.make_vec``: it steps many worlds in parallel."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -122,12 +122,12 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
 
     @property
     def np_random(self) -> tuple[np.random.Generator, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The random generator of each world."""
+        """The random generators of the worlds, as a tuple (N,)."""
         return tuple(self._random.generators)
 
     @property
     def np_random_seed(self) -> tuple[int, ...]:  # pyright: ignore[reportIncompatibleMethodOverride]
-        """The seed of each world's random generator."""
+        """The seeds of the worlds' random generators, as a tuple (N,)."""
         return tuple(self._random.seeds)
 
     def reset(
@@ -226,7 +226,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return tuple(each(*args, **kwargs) if callable(each) else each for each in found)
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Returns each world's attribute with this name."""
+        """Returns the attribute ``name`` of each world, as a tuple (N,)."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
@@ -265,7 +265,7 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         return None if self.render_mode is None else self._picture(world)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Free the graphics memory."""
+        """Free the graphics memory of the images of all worlds. Gymnasium's ``close`` calls this method."""
         for view in self._views.values():
             view.close()
         self._views.clear()

@@ -73,7 +73,7 @@ def check_episode_length(steps: object) -> None:
 
 
 def python_seed(seed: int | np.integer | None) -> int | None:
-    """Returns a seed as Python's int, because Gymnasium rejects NumPy's."""
+    """Converts a seed to Python's ``int``, because Gymnasium rejects NumPy integers. Returns ``None`` unchanged."""
     return int(seed) if isinstance(seed, np.integer) else seed
 
 

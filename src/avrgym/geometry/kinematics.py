@@ -222,7 +222,7 @@ def wrap_angles(chain: Chain, joint_positions: FloatArray) -> FloatArray:
 JOINT_LIMIT_MARGIN_SHARE = 0.05
 """Width of the zone near a joint limit in which weights decrease, as a share of half the joint range."""
 MIN_JOINT_LIMIT_WEIGHT = 0.001
-"""Smallest weight of a joint in ``joint_limit_weights``."""
+"""Minimum of the joint-limit weights. It applies to positions outside the joint range."""
 
 
 def joint_limit_weights(chain: Chain, joint_positions: FloatArray) -> FloatArray:
@@ -480,5 +480,5 @@ def _free(angles: FloatArray, limits: FloatArray, pull: FloatArray) -> FloatArra
 
 
 def _times_error(j: FloatArray, error: FloatArray) -> FloatArray:
-    """Returns the product Jᵀ error, (J, N)."""
+    """Returns the product of the transposed Jacobian and the error, Jᵀ e, (J, N)."""
     return reduce(np.add, (j[:, i] * error[i] for i in range(6)))

@@ -87,12 +87,12 @@ class TrainingConfiguration:
 
     @property
     def total_updates(self) -> int:
-        """Returns the total number of updates."""
+        """Returns the total number of updates: imitation and PPO."""
         return -(-self.steps // self.steps_per_update)
 
     @property
     def total_steps(self) -> int:
-        """Returns the total number of environment steps."""
+        """Returns the total number of environment steps: ``steps``, rounded up to whole updates."""
         return self.total_updates * self.steps_per_update
 
     @property
@@ -144,7 +144,7 @@ class FeedforwardConfiguration(Hyperparameters, TrainingConfiguration):
         return first + self._ppo_progress(steps) * (last - first)
 
     def learning_rate_at(self, steps: float) -> float:
-        """Returns the learning rate after ``steps`` environment steps."""
+        """Returns PPO's learning rate after ``steps`` environment steps."""
         return self.learning_rate * max(0.01, 1.0 - self._ppo_progress(steps))
 
     def force_weight_at(self, steps: float) -> float:
@@ -288,7 +288,7 @@ def contains_training_run(out: Path) -> bool:
 def read_configuration(out: Path) -> AnyConfiguration:
     """Read and return the configuration of the training run in the folder ``out``.
 
-    Files of version 0.2 are accepted. Their people use version 1 of the motion model.
+    Files of AVR Gym 0.2 are accepted. In such training runs, people use version 1 of the motion model.
 
     Raises:
         ValueError: if ``out`` contains no training run, or one with another learning version.

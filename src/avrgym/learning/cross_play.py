@@ -1,4 +1,4 @@
-"""Cross-play: evaluation of every policy with every population."""
+"""Cross-play: evaluates every policy with every population in every environment."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial

@@ -18,13 +18,13 @@ from avrgym.tasks.episodes import Episodes
 from avrgym.tasks.registry import instruction
 
 MAX_ATTEMPTS_PER_EPISODE = 10
-"""Maximum number of attempts for each successful episode."""
+"""Maximum number of attempts, divided by the required number of successful episodes."""
 MAX_WORLDS = 16
 
 
 @dataclass(frozen=True)
 class DemonstrationTotals:
-    """Numbers of successful episodes and of attempts until now."""
+    """Number of successful episodes, and number of attempts, until now."""
 
     successes: int
     attempts: int
@@ -39,7 +39,8 @@ def demonstrate(
     cameras: Sequence[CameraSpec] = (),
     report: Callable[[DemonstrationTotals], None] = lambda totals: None,
 ) -> Generator[DatasetEpisode]:
-    """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as by a human operator.
+    """Yield the successful episodes of a simulated operator. Failed attempts are discarded, as a human operator would
+    do.
 
     Args:
         world: N worlds. Their number does not change the episodes.

@@ -180,7 +180,7 @@ def evaluate_all(
         cluster: a cluster that runs the episodes instead of this computer. It does not change results.
         allow_other_environment: whether to allow a policy that was trained for another environment.
         force_guard: whether the force guard limits contact force and approach speed.
-        withdraw_after_success: as in ``Episodes``.
+        withdraw_after_success: whether the robot withdraws its tool after success.
         engine: the physics engine. Published results use ``threads``.
         settings: settings of the environments.
         allow_other_settings: whether to allow a policy that was trained with other settings.
@@ -285,7 +285,7 @@ def _run_batch(batch: _Batch, progress: StepReporter) -> EpisodeResults:
 
 
 def _sum_up(batch: _Batch, results: list[EpisodeResults], policy: registry.RobotPolicy) -> Evaluation:
-    """Combine the results of an environment's batches. Returns one evaluation."""
+    """Combine the results of all batches of an environment. Returns one ``Evaluation``."""
     reward, success, force, interventions, draws = (
         np.concatenate([getattr(part, name) for part in results])
         for name in ("reward", "success", "force_n", "interventions", "draws")
@@ -333,7 +333,7 @@ def wilson_interval(successes: float, count: float, quantile: float = NORMAL_QUA
 def _run(
     world: Episodes, batch: _Batch, generators: list[np.random.Generator], progress: StepReporter
 ) -> EpisodeResults:
-    """Run one batch of episodes. Returns the results."""
+    """Run one batch of episodes in ``world``, one episode per random generator. Returns their results."""
     count = len(generators)
     found = registry.resolve_policy(
         batch.policy.local_path(),

@@ -43,8 +43,9 @@ if TYPE_CHECKING:
     from avrgym.system.cluster import Cluster
 
 RolloutFunction = Callable[[Sequence[Policy], Sequence[RolloutRequest]], list[list[Rollout]]]
-"""Function that runs the episodes of several requests. It returns the result of ``rollouts.roll_out_agents`` per
-request."""
+"""Function that runs the episodes of several requests. It returns a list with the result of
+``rollouts.roll_out_agents`` for each request.
+"""
 TENSORBOARD_LOG_NAMES = "PPO", "human"
 """Names of the logs of the robot and the human in TensorBoard."""
 WORLDS_PER_WORKER_RANGE = 64, 128
@@ -106,8 +107,8 @@ def num_rollout_requests(configuration: FeedforwardConfiguration, cluster: "Clus
 
 
 class FeedforwardRecipe:
-    """The recipe of feed-forward policies, see ``recipe.Recipe``. The agents are the robot and, if ``pairing`` is set,
-    the human.
+    """Recipe of feed-forward policies, an implementation of ``recipe.Recipe``. The agents are the robot and, if
+    ``pairing`` is set, the human.
     """
 
     def __init__(
@@ -148,7 +149,7 @@ class FeedforwardRecipe:
 
     @property
     def model(self) -> ppo.PPO:
-        """Returns the robot's model."""
+        """Returns the robot's PPO model of Stable-Baselines3."""
         return self._agents[0].model
 
     @property

@@ -86,7 +86,7 @@ class DatasetWriter:
     def __init__(
         self, folder: Path, *, observation: Observation, scene: SceneConfig, control_hz: int
     ) -> None:
-        """Create the folder. Raises ``FileExistsError`` if it exists."""
+        """Create the folder of the dataset. Raises ``FileExistsError`` if it exists."""
         for name in ("data/chunk-000", "meta/episodes/chunk-000"):
             (folder / name).mkdir(parents=True)
         self._folder, self._observation, self._scene, self._control_hz = (
@@ -180,7 +180,7 @@ class DatasetWriter:
             write_atomically(meta / f"{name}.json", json.dumps(value, indent=2).encode() + b"\n")
 
     def _feature(self, name: str, values: NumpyArray) -> dict[str, Any]:
-        """Returns the description of a feature in ``info.json``."""
+        """Returns the entry of a feature in ``info.json``: data type, shape and names of components."""
         shape = list(values.shape[1:]) or [1]
         if values.ndim == 4:
             return {"dtype": "image", "shape": shape, "names": ["height", "width", "channels"]}

@@ -93,7 +93,7 @@ class Normaliser:
         return {"observations": _moments(self.obs_rms), "returns": _moments(self.ret_rms)}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Restore the running means and variances from a checkpoint."""
+        """Restore the running means and variances from ``state``, the state in a checkpoint."""
         for moments, name in ((self.obs_rms, "observations"), (self.ret_rms, "returns")):
             stored = state[name]
             moments.mean, moments.var = stored["mean"].numpy(), stored["variance"].numpy()

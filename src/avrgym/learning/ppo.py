@@ -28,7 +28,7 @@ Arguments: the model, normalised observations (T + 1, N, O), actions (T, N, A) a
 
 
 class Agent(NamedTuple):
-    """A model and the normaliser of its observations and rewards."""
+    """An agent in training: its PPO model, and the normaliser of its observations and rewards."""
 
     model: PPO
     normaliser: Normaliser
@@ -37,7 +37,7 @@ class Agent(NamedTuple):
 def make_agent(
     configuration: FeedforwardConfiguration, observation: ObservationScales, action_size: int, out: Path
 ) -> Agent:
-    """Create and return an untrained agent."""
+    """Create and return an untrained agent for observations of a given size and ``action_size`` actions."""
     return Agent(
         make_ppo(configuration, observation.size, action_size, out),
         Normaliser(observation, configuration.gamma),
@@ -88,7 +88,7 @@ def trained_steps(model: PPO) -> int:
 
 
 def set_log_std(model: PPO, configuration: FeedforwardConfiguration) -> None:
-    """Set the exploration noise of the next update."""
+    """Set the exploration noise (``log_std``) of a model for its next update."""
     with torch.no_grad():
         model.policy.log_std.fill_(configuration.log_std_at(trained_steps(model)))
 
@@ -151,7 +151,7 @@ def agent_state(agent: Agent) -> dict[str, Any]:
 
 
 def restore_agent(agent: Agent, state: dict[str, Any]) -> None:
-    """Restore an agent from ``agent_state``."""
+    """Restore network, optimizer and normaliser of an agent from the result of ``agent_state``."""
     model, normaliser = agent
     model.policy.load_state_dict(state["policy"])
     model.policy.optimizer.load_state_dict(state["optimizer"])

@@ -28,7 +28,7 @@ class Recipe(Protocol):
 
     @property
     def steps(self) -> int:
-        """Returns the number of environment steps until now."""
+        """Returns the number of completed environment steps."""
         ...
 
     @property

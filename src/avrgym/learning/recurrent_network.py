@@ -22,7 +22,7 @@ class RecurrentNetwork(nn.Module):
     def __init__(
         self, observation_size: int, memory_size: int, net_arch: tuple[int, ...], outputs: int
     ) -> None:
-        """Create random weights from PyTorch's random stream."""
+        """Create a network with random weights from PyTorch's global random stream."""
         super().__init__()
         self.memory = nn.GRU(observation_size, memory_size)
         sizes = [observation_size + memory_size, *net_arch, outputs]

@@ -23,7 +23,7 @@ class RecurrentPPO:
     are ``RECURRENT_HYPERPARAMETERS``."""
 
     def __init__(self, network: RecurrentNetwork, observation_size: int) -> None:
-        """Create random weights of the critic from PyTorch's random stream."""
+        """Create a critic with random weights from PyTorch's global random stream, and both optimizers."""
         self._network = network
         self._critic = RecurrentNetwork(
             observation_size,
@@ -41,7 +41,7 @@ class RecurrentPPO:
         return {name: part.state_dict() for name, part in self._parts.items()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        """Restore critic and optimizers from ``state``."""
+        """Restore the critic and both optimizers from the result of ``state``."""
         for name, part in self._parts.items():
             part.load_state_dict(state[name])
 

@@ -5,10 +5,10 @@ infer the rest of the state with its memory (Chen et al., "Learning by cheating"
 aggregation; the loss is the error of the tool's motion, see ``tool_motion_loss``. Then PPO maximises the task's reward
 minus penalties for the force on the person.
 
-Training uses several groups of simulated people: one for each of ``ASSISTIVE_GYM_IMPAIRMENTS`` (by default people of
-``zoo/train``), and one of static people of ``revised``. Each imitation update uses one group, each PPO update uses all
-groups. A trained policy may replace the expert as teacher. Training may start from the weights of a trained recurrent
-policy.
+Training uses several groups of simulated people: one group for each of ``ASSISTIVE_GYM_IMPAIRMENTS`` (by default people
+of ``zoo/train``), and one group of static people of ``revised``. Each imitation update uses one group, each PPO update
+uses all groups. A trained policy may replace the expert as teacher. Training may start from the weights of a trained
+recurrent policy.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -42,7 +42,7 @@ from avrgym.system.transferred_files import TransferredFile
 from avrgym.tasks.registry import observation_and_action_size, task_and_scene
 
 STATIONARY_POPULATION = (REVISED, "none")
-"""Population and impairment of the static people."""
+"""Population and impairment of the training group with static people."""
 TEACHER_FILE, INITIAL_POLICY_FILE = "teacher.safetensors", "initial.safetensors"
 """Names of the copies of the teacher and of the initial policy in the folder of a training run."""
 
@@ -97,7 +97,7 @@ def _find_initial(configuration: RecurrentConfiguration) -> Policy | None:
 
 
 class RecurrentRecipe:
-    """The recipe ``adaptive``, see ``recipe.Recipe``."""
+    """Recipe of recurrent policies (``--recipe adaptive``), an implementation of ``recipe.Recipe``."""
 
     def __init__(self, configuration: RecurrentConfiguration, out: Path) -> None:
         self._people = stored_people_path(configuration.people, out)

@@ -116,7 +116,7 @@ class Rollout:
 
     @property
     def nbytes(self) -> int:
-        """Returns the total size of all arrays in bytes."""
+        """Returns the total size of all arrays of the rollout, in bytes."""
         return sum(array.nbytes for array in self._arrays.values())
 
     @property
@@ -226,7 +226,7 @@ class _Agent:
     def __init__(
         self, policy: Policy, noise: NoiseGeneratorFactory, request: RolloutRequest, first: Any
     ) -> None:
-        """Create the agent. ``first`` contains the first observations, (n, O)."""
+        """Create the agent for the worlds of a request. ``first`` (n, O) are the first observations."""
         self._xp: Any = namespace(first)
         self.observations: list[Any] = []
         self.actions: list[Any] = []
@@ -237,7 +237,7 @@ class _Agent:
         self.observe(first)
 
     def observe(self, observation: Any) -> None:
-        """Append an observation, (n, O)."""
+        """Store the observations (n, O) after a step."""
         self.observations.append(self._xp.astype(observation, self._xp.float32))
 
     def act(self, number: int) -> Any:

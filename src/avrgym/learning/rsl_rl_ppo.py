@@ -24,7 +24,7 @@ from avrgym.learning.ppo import trained_steps
 from avrgym.system import random_streams
 
 OBSERVATION_GROUP = "policy"
-"""Name of the group of observations in RSL-RL."""
+"""Name of the observation group in RSL-RL. Actor and critic both use this group."""
 
 
 class _Libraries(NamedTuple):
@@ -116,7 +116,7 @@ class DevicePPO:
     def _model_of(
         self, first: Tensor, outputs: int, layers: list[nn.Module], noise: dict[str, Any] | None
     ) -> Any:
-        """Create and return a model of RSL-RL with these layers."""
+        """Create and return a model of RSL-RL (actor or critic) with these layers and number of outputs."""
         net = self._libraries.models.MLPModel(
             self._named(first),
             {OBSERVATION_GROUP: [OBSERVATION_GROUP]},

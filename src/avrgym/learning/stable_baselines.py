@@ -1,4 +1,4 @@
-"""The native vector environment as a ``VecEnv`` of Stable-Baselines3."""
+"""Adapter of the native vector environment to the interface ``VecEnv`` of Stable-Baselines3."""
 
 # Stable-Baselines3's attributes: their types are known only in part.
 # pyright: reportUnknownMemberType=false

@@ -64,7 +64,7 @@ __all__ = [
 
 POLICY_FILE, CHECKPOINT_FILE = "policy.safetensors", "checkpoint.pt"
 EVALUATION_EPISODES = 100
-"""Number of episodes of the final evaluation."""
+"""Number of episodes of the final evaluation of each policy."""
 STORED_RESULT_NAMES = ("episodes", "success_rate", "reward_mean", "reward_std", "force_mean_newton")
 """Names of the results of the final evaluation that the policy file contains."""
 MAX_CURVE_POINTS = 100

@@ -66,7 +66,7 @@ class TrainableVisionNetwork(nn.Module):
         return filled @ weight + bias
 
     def numpy_network(self) -> VisionNetwork:
-        """Returns the network as NumPy arrays."""
+        """Returns the network with NumPy arrays instead of tensors."""
         return VisionNetwork(
             kernels=tuple(_array(each.weight).transpose(2, 3, 1, 0) for each in self.convolutions),
             kernel_biases=tuple(_array(each.bias) for each in self.convolutions),

@@ -82,7 +82,7 @@ def camera_of(configuration: VisualConfiguration) -> CameraSpec:
 
 
 class VisualRecipe:
-    """The recipe ``visual``, see ``recipe.Recipe``."""
+    """Recipe of policies with vision (``--recipe visual``), an implementation of ``recipe.Recipe``."""
 
     def __init__(self, configuration: VisualConfiguration, out: Path) -> None:
         self._people = stored_people_path(configuration.people, out)

@@ -6,7 +6,7 @@ Sex = Literal["man", "woman"]
 SEXES: tuple[Sex, ...] = ("man", "woman")
 Side = Literal["left", "right"]
 ARMS: tuple[Side, ...] = get_args(Side)
-"""The arms of the person, by side."""
+"""The person's arms: ``left`` and ``right``."""
 
 TrackedBodyPart = Literal["head", "left", "right"]
 """A body part with VR tracking: ``head`` (with the trunk), ``left`` arm or ``right`` arm."""

@@ -23,7 +23,7 @@ WRIST_CAMERA, SCENE_CAMERA = "wrist", "scene"
 ImageKind = Literal["rgb", "depth", "segmentation"]
 IMAGE_KINDS: tuple[ImageKind, ...] = get_args(ImageKind)
 MIN_IMAGE_SIZE_PX, MAX_IMAGE_SIZE_PX = (64, 64), (640, 480)
-"""Smallest and largest width and height of an image."""
+"""Minimum and maximum of the width and the height of an image, in pixels."""
 MAX_IMAGE_DEPTH_M = 10.0
 """Maximum depth in depth images. Farther surfaces and the sky have this depth."""
 SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "furniture")
@@ -31,11 +31,11 @@ SEGMENTATION_LABELS = ("background", "person", "robot", "tool", "particles", "fu
 sky are background.
 """
 STATE_ENTRY, COMMAND_ENTRY = "state", "command"
-"""Names of the entries without images in dictionary observations."""
+"""Keys of dictionary observations for the numbers of the observation, and for the participant's latest command."""
 AnyObservation = FloatArray | dict[str, NumpyArray]
 """An observation (O,). With cameras: a dictionary of ``state`` (O,) and images, see ``CameraSpec.image_entries``."""
 SCENE_CAMERA_FOVY_DEG = 45.0
-"""Vertical field of view of the camera ``scene``."""
+"""Vertical field of view of the camera ``scene``, in degrees."""
 WRIST_CAMERA_FOVY_DEG = 58.0
 """Vertical field of view of the wrist camera, as of an Intel RealSense D435 (data sheet: 87° × 58°)."""
 WRIST_CAMERA_OFFSET_M = np.array([-0.05, 0.0, 0.10])
@@ -241,7 +241,7 @@ def update_poses(model: mujoco.MjModel, data: mujoco.MjData, qpos: FloatArray) -
 
 
 def rendering_options() -> mujoco.MjvOption:
-    """Returns MuJoCo's rendering options that show visual geoms only."""
+    """Returns MuJoCo's rendering options for images with visual geoms and without collision geoms."""
     option = mujoco.MjvOption()
     option.geomgroup[:] = 0
     option.geomgroup[VISUAL_GROUP] = 1

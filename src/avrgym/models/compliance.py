@@ -1,4 +1,4 @@
-"""Compliance of contacts with the person, and torque limits. Together they bound the contact forces.
+"""Compliance of contacts with the person, and torque limits. Both together bound the contact forces.
 
 Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a small torque can apply
 thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the bodies. A
@@ -41,9 +41,9 @@ class ContactCompliance:
     """
 
     stiffness_per_s2: float
-    """Acceleration per penetration depth (1/s²)."""
+    """Stiffness of the contact: acceleration per penetration depth (1/s²)."""
     damping_per_s: float
-    """Acceleration per penetration speed (1/s)."""
+    """Damping of the contact: acceleration per penetration speed (1/s)."""
     impedance_start: float
     impedance_end: float
     impedance_width_m: float
@@ -90,7 +90,9 @@ MAX_CONTACT_DEPTH_M = 0.05
 """Maximum penetration depth of the softening spring; at larger depths it becomes stiffer. Only an arm at full speed
 against a fixed person reaches this depth."""
 TREMOR_STRENGTH_SHARE = 1 / 3
-"""Share of their strength that people with tremor use (assumption). It reduces the tremor only slightly."""
+"""Share of their strength that people with tremor use (assumption). The reduced strength decreases the tremor only
+slightly.
+"""
 _DOMINANT_MIX = 1e6
 """MuJoCo's ``solmix`` of a geom that determines the contact parameters."""
 

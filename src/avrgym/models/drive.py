@@ -8,7 +8,7 @@ import numpy as np
 from avrgym.array_types import FloatArray
 
 MOTOR_ACTUATOR_GROUP = 1
-"""Actuator group of the moving arm and of the drive."""
+"""MuJoCo's actuator group for the motors of the moving arm and of the drive. Brakes disable this group."""
 _SLIDE, _HINGE = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
 DRIVE_ACTION_NAMES = ("forward", "turn")
 """Names of an action's components for the drive. They follow the components for the arm."""

@@ -256,7 +256,7 @@ def _unpacked(stored: Mapping[str, NumpyArray]) -> tuple[SkinMesh, FloatArray]:
 
 @cache
 def _pixels(file: str) -> NDArray[np.uint8]:
-    """Returns the pixels (H, W, 3) of an image."""
+    """Returns the pixels (H, W, 3) of a stored image file."""
     return np.asarray(Image.open(io.BytesIO(_asset(file))))
 
 

@@ -119,7 +119,7 @@ class Mount:
 
     @property
     def on_floor(self) -> bool:
-        """Returns whether the robot is on the floor."""
+        """Returns whether the robot is on the floor, not on furniture."""
         return self.carrier is None
 
     def mirrored(self) -> "Mount":
@@ -381,7 +381,7 @@ def compile_robot_model(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _displace(body: mujoco.MjsBody, joint: mujoco.MjsJoint, value: float) -> None:
-    """Move a body to its pose at a joint position."""
+    """Move a body of a model to its pose at the joint position ``value``, in radians or metres."""
     q = _orientation(body)
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.pos = body.pos + value * transforms.rotate(q, transforms.normalize(joint.axis))
@@ -503,7 +503,7 @@ joint slowly.
 
 
 def _shape_brakes(spec: mujoco.MjSpec, joints: Sequence[str]) -> None:
-    """Set the friction parameters that ``safety.brakes.Brakes`` uses."""
+    """Set the friction parameters (impedance and time constant) of joints with brakes, see ``safety.brakes``."""
     for joint in joints:
         spec.joint(joint).solref_friction = [BRAKE_TIME_CONSTANT_S, 1.0]
         spec.joint(joint).solimp_friction = [BRAKE_IMPEDANCE, BRAKE_IMPEDANCE, 0.001, 0.5, 2.0]

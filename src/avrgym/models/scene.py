@@ -19,7 +19,7 @@ from avrgym.models.tools import BODY as TOOL_BODY
 from avrgym.models.tools import Tool, add_particles
 
 PHYSICS_STEP_S = 0.01
-"""Duration of a physics step."""
+"""Duration of a physics step in seconds."""
 CONTROL_STEP_S = 0.1
 """Default duration of a control step. Simulated people choose their actions with the same period."""
 DEFAULT_SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
@@ -64,7 +64,7 @@ class SceneConfig:
 
     @property
     def in_task_frame(self) -> "SceneConfig":
-        """Returns the scene in the task's frame. It is the argument of the task's functions."""
+        """Returns the scene in the task's frame. The functions of the task need the scene in this frame."""
         return self.task_scene or self
 
     @property
@@ -142,7 +142,7 @@ def robot_with_tool(scene: SceneConfig, *, appearance: bool) -> mujoco.MjSpec:
 
 
 SCENE_TOOL_BODY = robot.PREFIX + TOOL_BODY
-"""Name of the tool's body in a scene."""
+"""Name of the tool's body in a scene, with the robot's prefix."""
 
 ROBOT_FORCE_SENSOR = "robot_force_on_person"
 TOOL_FORCE_SENSOR = "tool_force_on_person"

@@ -14,7 +14,7 @@ PADDING_RADIUS_M, TROUGH_HALF_WIDTH_M, TROUGH_HALF_LENGTH_M, TROUGH_RIM_HEIGHT_M
 """Sizes of the trough. Along x it is 14 cm wide outside and 10 cm inside. Along y it is 7 cm long. Along z its rims are
 5 cm above its floor."""
 GRIP_X_M = -(TROUGH_HALF_WIDTH_M + 0.06)
-"""x coordinate of the grip in the tool's frame."""
+"""x coordinate of the grip point in the scooper's frame, in metres."""
 _HANDLE_END_M = GRIP_X_M - 0.03
 _RIBS_Y_M = np.linspace(-TROUGH_HALF_LENGTH_M, TROUGH_HALF_LENGTH_M, 4)
 

@@ -11,7 +11,7 @@ from avrgym.models.robot import Arm, Robot, robot_spec
 from avrgym.system import random_streams
 
 NUM_POSE_SAMPLES = 1000
-"""Number of sampled poses of the arm."""
+"""Number of sampled poses of the arm in the search for links that can collide."""
 PERMANENT_CONTACT_SHARE = 0.9
 """Share of sampled poses. A pair of bodies that touches in more poses has overlapping shapes; its collisions are
 disabled.

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from avrgym.array_types import FloatArray
 
 DEFAULT_LOFT_SEGMENTS = 28
-"""Default number of vertices around a loft."""
+"""Default number of vertices around each cross-section of a loft."""
 
 
 @dataclass(frozen=True)

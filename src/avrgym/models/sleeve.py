@@ -27,7 +27,7 @@ opposite to the robot's hand."""
 _HOOP_RADIUS_M, _HANDLE_M = 0.005, 0.05
 _HANDLE_HALF_WIDTH_M, _HANDLE_HALF_THICKNESS_M = 0.043, 0.006
 _GRIP_ON_HANDLE_M = 0.042
-"""Distance of the fingers from the opening's rim."""
+"""Distance of the robot's fingers from the rim of the opening, along the handle."""
 _HOOP_RGB, _GOWN_RGB = (0.92, 0.92, 0.90), (0.36, 0.62, 0.72)
 
 

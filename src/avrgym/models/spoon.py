@@ -145,4 +145,4 @@ def _add_spoon_skin(
 
 
 SPOON = make_spoon()
-"""The default spoon, with eight pieces."""
+"""The default spoon, with eight pieces of food."""

@@ -2,7 +2,7 @@
 
 The functions of a task assume one arm of the person, and the default height of seat or bed. A scene with the other arm
 or another height is transformed to the task's frame. This frame is mirrored at the person's sagittal plane, and shifted
-vertically. The robot is mirrored too, and its joint positions do not change.
+vertically. The robot is also mirrored; its joint positions do not change.
 """
 
 from dataclasses import dataclass, replace
@@ -54,16 +54,17 @@ class TaskFrame:
         return moved
 
     def transform_vectors(self, v: FloatArray) -> FloatArray:
-        """Transform vectors (..., 3) to the other frame."""
+        """Transform vectors (..., 3) from the world frame to the task's frame, or back."""
         return v * constant_like(_signs(X_AXIS_INDEX), v) if self.mirrored else v
 
     def transform_rotations(self, q: FloatArray, axis: int) -> FloatArray:
-        """Transform rotations (..., 4) of symmetric bodies to the other frame. ``axis`` is the normal of the body's
-        plane of symmetry."""
+        """Transform rotations (..., 4) of symmetric bodies from the world frame to the task's frame, or back. ``axis``
+        is the normal of the body's plane of symmetry.
+        """
         return mirror_rotations(q, X_AXIS_INDEX, axis) if self.mirrored else q
 
     def transform_joint_angles(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Transform the joint angles (..., 20) of people to the other frame."""
+        """Transform the joint angles (..., 20) of people from the world frame to the task's frame, or back."""
         if not self.mirrored:
             return joint_angles_rad
         signs = constant_like(_JOINT_SIGNS, joint_angles_rad)
@@ -76,7 +77,9 @@ class TaskFrame:
         return namespace(values).take(values, constant_like(_JOINTS, values), axis=axis)
 
     def transform_people(self, people: People) -> People:
-        """Transform people to the other frame: their left and right sides are exchanged."""
+        """Transform people from the world frame to the task's frame, or back. In a mirrored frame, their sides are
+        exchanged.
+        """
         if not self.mirrored:
             return people
         xp, strength, torque = namespace(people.torque_share), people.strength_share, people.torque_share
@@ -139,7 +142,7 @@ def mirror_chain(chain: Chain, tip_axis: int) -> Chain:
 
 
 def _signs(axis: int) -> FloatArray:
-    """Returns factors (3,) that mirror a vector along an axis."""
+    """Returns factors (3,) that mirror a vector along an axis: −1 for this axis, 1 for the others."""
     signs = np.ones(3)
     signs[axis] = -1.0
     return signs

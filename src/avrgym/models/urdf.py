@@ -22,7 +22,7 @@ from avrgym.models import collision_bits
 from avrgym.models.geoms import add_material, add_visual
 
 CONTINUOUS_JOINT_RANGE_RAD = (-2.0 * np.pi, 2.0 * np.pi)
-"""Range of continuous joints."""
+"""Range of continuous joints in the MuJoCo model: one turn in each direction."""
 HINGE_ARMATURE_KG_M2, SLIDE_ARMATURE_KG = 0.05, 1.0
 """Motor inertia of hinges, and motor mass of slides; URDF does not contain them. The value for hinges is the armature
 of the Jaco's wrist.

@@ -9,8 +9,9 @@ from avrgym.array_types import FloatArray
 from avrgym.geometry import elementary
 
 MAX_STORED_PRODUCTS = 65536
-"""Maximum number of products that are stored before they are summed. They need half a megabyte, less than the size of
-the processor's cache."""
+"""Maximum number of products that are stored before they are summed. These products need half a megabyte, less than the
+cache of a processor.
+"""
 
 
 @dataclass(frozen=True, eq=False)

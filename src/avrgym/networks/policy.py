@@ -94,8 +94,8 @@ class Policy:
         weights: One (inputs, outputs) matrix per layer. The input of the first layer is the observation, followed by
             the memory's state.
         biases: One (outputs,) vector per layer.
-        observation_mean: (observation,).
-        observation_variance: (observation,), not negative.
+        observation_mean: mean (observation,) of the observations in training.
+        observation_variance: variance (observation,) of the observations in training, not negative.
         observation_clip: Bound of normalised observations, in standard deviations.
         observation_epsilon: Constant that is added to the variance before the square root.
         action_std: Standard deviation of each action; 0 for no noise.
@@ -413,7 +413,7 @@ class _Header(PolicyMetadata, frozen=True, kw_only=True):
 
 
 def _read_metadata(header: dict[str, str]) -> tuple[int, PolicyMetadata]:
-    """Returns the format version and the metadata."""
+    """Returns the format version and the metadata from the header of a policy file."""
     if _HEADER not in header:
         raise PolicyError(
             f"the file is not a policy of AVR Gym: its header has no entry {_HEADER!r}, only {sorted(header)}; "

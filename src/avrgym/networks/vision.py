@@ -86,7 +86,7 @@ class VisionNetwork:
 
     @classmethod
     def from_tensors(cls, tensors: Mapping[str, NumpyArray]) -> "VisionNetwork":
-        """Create a network from the result of ``tensors``."""
+        """Create and return a network from the arrays that ``tensors`` returned."""
 
         def each(name: str) -> tuple[Any, ...]:
             return tuple(tensors[f"vision.{name}.{number}"] for number in range(CONVOLUTION_COUNT))
@@ -148,7 +148,7 @@ VISION_TENSOR_NAMES = (
         for number in range(CONVOLUTION_COUNT)
     ),
 )
-"""Names of the arrays in a policy file."""
+"""Names of the vision network's arrays in a policy file."""
 
 
 def vision_input(images: Mapping[str, NumpyArray]) -> FloatArray:

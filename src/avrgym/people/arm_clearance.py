@@ -52,7 +52,7 @@ _OTHER = np.array([_NAMES.index(other) for _, other in CHECKED_CAPSULE_PAIRS])
 
 
 def furniture_boxes(furniture: Sequence[FurnitureBuilder]) -> Boxes:
-    """Returns the collision boxes of furniture at its default position."""
+    """Returns the collision boxes of furniture at its default position, world frame."""
     spec = mujoco.MjSpec()
     for add in furniture:
         add(spec, False)

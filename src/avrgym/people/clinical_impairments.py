@@ -67,7 +67,7 @@ DYSKINESIA_AMPLITUDES_DEG: Mapping[str, tuple[float, float]] = {
 }  # fmt: skip
 
 _STIFFNESS: Mapping[str, float] = {"shoulder": 1.5, "elbow": 1.0, "forearm": 0.2, "wrist": 0.3}
-"""Damping of the arm's joints relative to the elbow (assumption)."""
+"""Damping of the arm's joints, divided by the damping of the elbow (assumption)."""
 _IN_ARM = np.array([joint.body not in ("torso", "head") for joint in JOINTS.values()])
 _SPINAL_LEVELS: tuple[Mapping[str, tuple[float, float, float]], ...] = (
     {  # C6

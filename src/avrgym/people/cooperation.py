@@ -33,22 +33,22 @@ class PersonObservation(Protocol):
 
     @property
     def tool_pos_w(self) -> FloatArray:
-        """Tool positions (N, 3)."""
+        """Positions (N, 3) of the robots' tools."""
         ...
 
     @property
     def head_pos_w(self) -> FloatArray:
-        """Head centres (N, 3)."""
+        """Positions (N, 3) of the people's head centres."""
         ...
 
     @property
     def mouth_pos_w(self) -> FloatArray:
-        """Mouth positions (N, 3)."""
+        """Positions (N, 3) of the people's mouths."""
         ...
 
     @property
     def right_arm_pos_w(self) -> FloatArray:
-        """Shoulder, elbow and wrist positions (N, 3, 3)."""
+        """Positions (N, 3, 3) of shoulder, elbow and wrist of the people's right arms."""
         ...
 
 
@@ -60,10 +60,10 @@ TOOL_HISTORY_LENGTH = 5
 REACTION_DELAY_RANGE_STEPS = (2, 4)
 """Range of the reaction delay, in control steps."""
 FACING_SHARE_RANGE = (0.3, 0.7)
-"""Range of ``CooperationState.facing_share``."""
+"""Range of the executed share of the head rotation that is needed to face the tool."""
 SWAY_AMPLITUDE_RANGE_RAD = (float(np.radians(0.3)), float(np.radians(1.0)))
 SWAY_FREQUENCY_RANGE_HZ = (0.1, 0.3)
-"""Range of the sway frequency."""
+"""Range of the frequency at which people sway, in Hz."""
 
 MOUTH_APPROACH_DISTANCE_M, LEAN_RAD = 0.30, float(np.radians(10.0))
 ARM_APPROACH_DISTANCE_M, ARM_LIFT_ANGLE_RAD = 0.40, float(np.radians(8.0))
@@ -159,7 +159,7 @@ def choose_goal_angles(
 
 
 def advance_time(state: CooperationState) -> CooperationState:
-    """Returns the state one control step later."""
+    """Returns the state with its time increased by one control step."""
     return replace(state, time_s=state.time_s + CONTROL_STEP_S)
 
 
@@ -215,7 +215,9 @@ def _arm_goals(
 
 
 def to_torso_frame(joint_angles_rad: FloatArray, offset_w: FloatArray, posture: Posture) -> FloatArray:
-    """Returns offsets (N, 3), converted from the world frame to the torso frame. There, −y points forwards."""
+    """Returns offsets (N, 3), converted from the world frame to the torso frame. In the torso frame, −y points
+    forwards.
+    """
     hips, torso = (human.body_rotation(body, joint_angles_rad, posture) for body in ("hips", "torso"))
     return transforms.rotate(transforms.conjugate(transforms.multiply(hips, torso)), offset_w)
 

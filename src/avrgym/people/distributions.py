@@ -38,7 +38,7 @@ NUM_UNIFORMS = 2 + MAX_POSE_ATTEMPTS * len(JOINTS)
 
 
 JointRanges = Mapping[str, tuple[float, float]]
-"""Lowest and highest angle in degrees, by joint name."""
+"""Minimum and maximum initial joint angle in degrees, by joint name."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class PeopleDistribution:
 
     People move if ``cooperating`` is true or if ``partners`` of the zoo are given, see ``people.cooperation`` and
     ``people.zoo``. All other people hold their initial pose. ``joint_ranges_by_task`` contains ranges of initial joint
-    angles by task. They replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for
-    ``people.motion_version_1``. If ``measured_bodies`` is true, bodies are sampled by ``people.measured_bodies``. The
-    torso height ranges are then those of its people.
+    angles by task. These ranges replace the ranges of the task. ``motion_version``: 2 for ``people.motor``, 1 for
+    ``people.motion_version_1``. If ``measured_bodies`` is true, bodies are sampled by ``people.measured_bodies``. Then
+    the ranges of torso height are those of the measured people.
     """
 
     torso_height_man_m: tuple[float, float]
@@ -63,7 +63,7 @@ class PeopleDistribution:
 
     @property
     def moving(self) -> bool:
-        """Whether these people move."""
+        """Whether these people move by themselves, because they cooperate or are partners of the zoo."""
         return self.cooperating or self.partners is not None
 
     def pose_for_task(self, task: str, default: "Pose") -> "Pose":
@@ -128,7 +128,7 @@ class Pose:
 
     @property
     def has_random_arm_pose(self) -> bool:
-        """Whether the right arm's pose is random."""
+        """Whether the initial pose of the right arm is random."""
         return bool(self.spread_rad[RIGHT_ARM_JOINT_MASK].any())
 
 
@@ -155,7 +155,7 @@ def find_distribution(name_or_path: str, tasks: Collection[str]) -> PeopleDistri
 
 
 def distribution_from_file(people: "PeopleFile") -> PeopleDistribution:
-    """Returns the distribution that a people file defines."""
+    """Returns the distribution of people that a people file defines."""
     heights = people.torso_height_m
     partners = sample_fitted_partners(people.behaviour) if people.behaviour else None
     return PeopleDistribution(heights.man, heights.woman, 0.0, people.cooperating, people.poses, partners)
@@ -242,5 +242,5 @@ def _has_room(people: People, posture: Posture, furniture: Boxes | None) -> Bool
 
 
 def repeat_person(person: Person, count: int) -> People:
-    """Returns ``count`` copies of one person."""
+    """Returns ``count`` copies of one person as arrays (``count``, ...)."""
     return People.from_persons([person] * count)

@@ -24,8 +24,8 @@ with speed in the same way (Topka et al., Exp. Brain Res. 119:483, 1998).
 GOAL_MOTION_DECAY_S, HALF_TREMOR_MOTION_RAD, HALF_TREMOR_SPEED_RAD_S = 1.0, float(np.radians(5.0)), 0.2
 """Parameters of the intention tremor (assumptions).
 
-The amplitude exceeds half of its maximum if the goal moved by more than 5° in the last second. It is halved while the
-target moves at 0.2 rad/s.
+The amplitude exceeds half of its maximum if the goal moved by more than 5° in the last second. The amplitude is halved
+while the target moves at 0.2 rad/s.
 """
 DYSKINESIA_HZ, DYSKINESIA_WEIGHTS = (0.3, 0.7, 1.3), (0.5, 0.3, 0.2)
 """Dyskinesia is a sum of three sinusoids.
@@ -158,8 +158,8 @@ def _follow(
 def _intention_tremor_rad(
     signs: MotorSigns, state: ImpairedMotionState, goal_speed_rad_s: FloatArray
 ) -> FloatArray:
-    """Returns the displacement of the joints by intention tremor (N, 20), radians. It grows when a movement slows down
-    near its goal.
+    """Returns the displacement of the joints by intention tremor (N, 20), radians. The tremor grows when a movement
+    slows down near its goal.
     """
     active = state.recent_goal_motion_rad / (state.recent_goal_motion_rad + HALF_TREMOR_MOTION_RAD)
     terminal = 1.0 / (1.0 + goal_speed_rad_s / HALF_TREMOR_SPEED_RAD_S)

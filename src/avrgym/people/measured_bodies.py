@@ -71,7 +71,7 @@ ANSUR_II: Mapping[Sex, AnthropometricSurvey] = {
 
 
 class BodyMeasures(NamedTuple):
-    """Body measures of n people, (n,) each; see ``Person``."""
+    """Body measures of n people, arrays (n,), with the same names and units as in ``Person``."""
 
     torso_height_m: FloatArray
     arm_scale: FloatArray

@@ -26,10 +26,10 @@ The joint targets also contain:
   394:780, 1998; van Beers et al., J. Neurophysiol. 91:1050, 2004). The factor of 10 % is our assumption;
 - sway of the waist and motion of the head with the jaw, with the amplitudes of the behaviour model;
 - physiological tremor of 8 to 12 Hz. Accelerations of outstretched hands peak at 0.0015 to 0.035 g, most often at 0.01
-  g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g. The joint's
-  servo transmits 30 % of it. The head turns by the same angle: our assumption;
-- tremor of people with this impairment. By default its frequency is 5 Hz, as in Assistive Gym, where targets alternate
-  every 0.1 s.
+  g (Wade et al., Arch. Neurol. 39:358, 1982). Here the elbow's target moves the hand with 0.005 to 0.035 g. The servo
+  of the joint transmits 30 % of this tremor. The head turns by the same angle: our assumption;
+- tremor of people with this impairment. By default its frequency is 5 Hz, as in Assistive Gym: targets alternate every
+  0.1 s.
 """
 
 import math
@@ -100,7 +100,7 @@ _NOISE_PHASE = (
     * GOLDEN_RATIO_FRACTION
     * np.arange(len(JOINTS) * len(SPEED_NOISE_HZ)).reshape(len(JOINTS), -1)
 )
-"""Phases (20, 3) of the noise; they differ between joints."""
+"""Phases (20, 3) of the speed noise of each joint and frequency, in radians. They differ between joints."""
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ def _noise(state: MotorState) -> FloatArray:
 
 
 def advance_motor_state(state: MotorState) -> MotorState:
-    """Returns the state 10 ms later."""
+    """Returns the state of the motor model after another 10 ms."""
     xp = namespace(state.goal_rad)
     way = state.goal_rad - state.equilibrium_rad
     equilibrium = state.equilibrium_rad + xp.clip(way, -state.max_step_rad, state.max_step_rad)

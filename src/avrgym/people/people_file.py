@@ -44,7 +44,7 @@ class FittedStudy(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TorsoHeights(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Lowest and highest torso heights in metres."""
+    """Lowest and highest torso height of men and of women, in metres."""
 
     man: ValueRange
     woman: ValueRange

@@ -1,4 +1,4 @@
-"""Names of populations and impairments."""
+"""Names of the populations of simulated people, and of their impairments."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ ALLOWED_PEOPLE = (
     f"({', '.join([*STYLES, COMMANDING_STYLE_NAME])}), one of these with @1 for motion version 1, a people file, "
     "the policy file of a trained human, or a folder of such policy files"
 )
-"""The allowed values of ``people``, for help and error messages."""
+"""Text with the allowed values of ``people``, for help and error messages."""
 
 ImpairmentName = str
 """A name in ``IMPAIRMENTS``. A clinical impairment may have a severity: ``spasticity:severe``."""
@@ -34,4 +34,4 @@ ALLOWED_IMPAIRMENTS = (
     f"{', '.join(IMPAIRMENTS)}; clinical impairments also with a severity, such as spasticity:severe "
     f"({', '.join(_DEGREES)}) or spinal_cord_injury:C5 ({', '.join(SEVERITIES['spinal_cord_injury'])})"
 )
-"""The allowed values of ``impairment``, for help and error messages."""
+"""Text with the allowed values of ``impairment``, for help and error messages."""

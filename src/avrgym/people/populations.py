@@ -25,7 +25,7 @@ from avrgym.system import random_streams
 from avrgym.system.transferred_files import TransferredFile
 
 HUMAN_POLICY_FILE = "human.safetensors"
-"""File name of the human policy in a training folder."""
+"""Name of the file with the trained human's policy, in the folder of a training run."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +150,14 @@ class TrainedHumans:
         return actions
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns the state that changes during an episode."""
+        """Returns the state that changes during an episode: policy index and noise generator of each world."""
         return {
             "human": self._human.copy(),
             "noise": [generator.bit_generator.state for generator in self._noise],
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restore a state from ``snapshot``."""
+        """Restore the state from the result of ``snapshot``."""
         self._human = snapshot["human"].copy()
         self._noise = [random_streams.trained_human_noise_generator(0.0) for _ in snapshot["noise"]]
         for generator, state in zip(self._noise, snapshot["noise"], strict=True):

@@ -69,7 +69,7 @@ class DeviceActor:
         self._biases = [to_device_of(bias, example_array) for bias in policy.biases]
 
     def mean_actions(self, observations: Any) -> Any:
-        """Returns mean actions (N, A) for observations (N, O)."""
+        """Returns mean actions (N, A) before noise and clipping for observations (N, O), as arrays on the device."""
         xp = namespace(observations)
         rows = xp.clip((observations - self._mean) / self._deviation, -self._clip, self._clip)
         for weight, bias in zip(self._weights[:-1], self._biases[:-1], strict=True):

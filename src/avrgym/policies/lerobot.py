@@ -40,7 +40,7 @@ CONFIGURATION, WEIGHTS = "config.json", "model.safetensors"
 
 
 def state_features(observation: Observation, values: NumpyArray) -> dict[str, NumpyArray]:
-    """Splits observations (..., O) into LeRobot's features. Returns them by name.
+    """Splits observations (..., O) into LeRobot's features. Returns the values of each feature, by name.
 
     ``STATE`` contains the entries that the robot measures itself, ``ENVIRONMENT_STATE`` all other entries. Both have
     the order of the observation.
@@ -82,7 +82,7 @@ def lerobot_policy_plugin(name: str) -> UsedPlugin:
 def find_lerobot_policy(
     name: str, observation: Observation, action_size: int, instruction: str
 ) -> ExternalController:
-    """Returns the policy ``lerobot:FOLDER`` as a controller. Its process starts with the first instance.
+    """Returns the policy ``lerobot:FOLDER`` as a controller. The process of the policy starts with the first instance.
 
     Args:
         name: ``lerobot:`` and a folder ``pretrained_model`` of ``lerobot-train``.
@@ -184,7 +184,7 @@ class LeRobotController:
 
 
 class PolicyProcess:
-    """The process of one policy. It ends with this program."""
+    """The process that computes the actions of one LeRobot policy. It ends with this program."""
 
     def __init__(self, command: list[str], environment: Mapping[str, str]) -> None:
         """Store the command that starts the process. ``environment`` contains additional environment variables."""

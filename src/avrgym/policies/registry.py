@@ -35,14 +35,14 @@ ActionFunction = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class ScriptedPolicy:
-    """A scripted policy, without a network: one of ``SCRIPTED_POLICIES``."""
+    """A scripted policy without a network, such as ``oracle``: one of ``SCRIPTED_POLICIES``."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class HumanOperator:
-    """The policy ``operator``: the experimenter controls the robot's hand (teleoperation)."""
+    """The policy ``operator``: an experimenter controls the robot's hand (teleoperation)."""
 
 
 RobotPolicy = Policy | ScriptedPolicy | ExternalController

@@ -22,7 +22,7 @@ PACKAGED_POLICY_FOLDER = Path(__file__).parents[1] / "assets" / "policies"
 
 
 def packaged_policies(environment_id: str) -> dict[str, Path]:
-    """Returns the files of an environment's packaged policies, by name."""
+    """Returns the paths of an environment's packaged policies, by name of the policy."""
     scene = re.sub(r"^avrgym/|-v\d+$", "", environment_id)
     files = sorted(PACKAGED_POLICY_FOLDER.glob(f"{scene}-*.safetensors"))
     return {file.stem.removeprefix(f"{scene}-"): file for file in files}

@@ -22,7 +22,7 @@ FORMAT_VERSION = 1
 
 
 class BodyModel(msgspec.Struct, frozen=True):
-    """Parameters of the participant's body model."""
+    """Parameters of the body model that represents the participant."""
 
     sex: Sex
     torso_height_m: Annotated[float, Meta(description="From the hip bone to the centre of the head.")]

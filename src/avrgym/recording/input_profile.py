@@ -41,7 +41,7 @@ inputs.
 SELECTION_TIME_RANGES_S: Mapping[str, tuple[float, float]] = {"dwell_s": (0.5, 3.0), "scan_s": (0.5, 10.0)}
 """Minimum and maximum of the durations in an input profile, in seconds, by field."""
 MAX_KEY_NAME_LENGTH = 32
-"""Maximum length of a key's name, such as ``Enter``."""
+"""Maximum length of the name of a keyboard key, such as ``Enter``."""
 
 
 class InputProfileError(ValueError):
@@ -145,7 +145,7 @@ class InputProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 DEFAULT_INPUT_PROFILE = InputProfile()
-"""The default profile: two controllers."""
+"""The default input profile: selection with two controllers."""
 
 
 def profile_from_table(values: object) -> InputProfile:

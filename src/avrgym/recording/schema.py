@@ -42,11 +42,12 @@ class Physics(Record, frozen=True):
 class TrackingFrame(Record, frozen=True):
     """One WebXR frame as the server received it. A pose without tracking is ``None``.
 
-    ``moved_person``: the frame moved the person; otherwise a newer frame replaced it. ``rejected``: the frame was stale
-    or invalid, and the person did not move. ``rejected_parts``: parts (``head``, ``left``, ``right``) that the frame
-    did not move. Their poses jumped, or the task needs them and their poses were stale. ``untracked_parts``: parts with
-    poses that are missing, or unchanged for 0.2 s. ``left_modality``, ``right_modality``: tracking method of a hand:
-    ``controller``, ``hand`` (bare hand, pose of the wrist), ``mouse`` (without a headset) or ``none``.
+    ``moved_person``: whether the frame moved the person; otherwise a newer frame replaced it. ``rejected``: whether the
+    frame was stale or invalid. A rejected frame does not move the person. ``rejected_parts``: parts (``head``,
+    ``left``, ``right``) that the frame did not move. Their poses jumped, or the task needs them and their poses were
+    stale. ``untracked_parts``: parts with poses that are missing, or unchanged for 0.2 s. ``left_modality``,
+    ``right_modality``: tracking method of a hand: ``controller``, ``hand`` (bare hand, pose of the wrist), ``mouse``
+    (without a headset) or ``none``.
     """
 
     sequence: int

@@ -97,7 +97,7 @@ def _is_plausible(segment: _Segment) -> bool:
 
 
 def _segments(given: FloatArray, arrived: FloatArray, rate_hz: float) -> list[_Segment]:
-    """Splits the samples at clock resets. Returns the segments."""
+    """Splits samples at clock resets. ``given`` and ``arrived`` are their sample and arrival times in seconds."""
     steps_s = np.diff(given)
     breaks = np.flatnonzero((steps_s > _gap_s(rate_hz)) | (steps_s < -MAX_JITTER_STEP_S)) + 1
     ends = [*breaks.tolist(), len(given)]

@@ -40,8 +40,8 @@ def rebuild_world(configuration: TrialConfiguration, *, by_region: bool = False)
 def render_recorded_images(
     recording: Recording, cameras: Sequence[CameraSpec]
 ) -> Iterator[dict[str, np.ndarray]]:
-    """Yields the camera images at the start of each control step, by entry name. They are rendered from the recorded
-    states.
+    """Yields the camera images at the start of each control step, by entry name. The images are rendered from the
+    recorded states.
 
     Raises:
         ValueError: if the world cannot be created, or if the recorded states have a different size.

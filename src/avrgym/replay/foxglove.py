@@ -51,13 +51,13 @@ from avrgym.vr.scene.export_process import model_with_appearance
 WORLD_FRAME_ID, TRACKING_FRAME_ID = "world", "local_floor"
 """Names of coordinate frames: the simulated world (z up), and the headset's space of tracked poses (y up)."""
 TRACKED_PARTS = ("head", "left", "right")
-"""Tracked parts: the head and both hands."""
+"""Names of the body parts with tracked poses: the head and both hands."""
 NUM_SURFACE_POINTS = 40_000
-"""Total number of points on all surfaces."""
+"""Total number of points on the surfaces of all bodies."""
 POINT_FIELD_OFFSETS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}
-"""Byte offset of each field of a point, by name."""
+"""Byte offset of each field of a point in a Foxglove point cloud, by name of the field."""
 POINT_BYTES = 16
-"""Size of a point in bytes."""
+"""Size of one point in a Foxglove point cloud, in bytes."""
 
 
 def write_foxglove(recording: Recording, out: Path, progress: Callable[[], None]) -> None:

@@ -14,9 +14,9 @@ def pack_poses(poses: bytes, frames: int) -> bytes:
         frames: number of frames.
 
     Returns:
-        Differences between frames as 32-bit integers, in multiples of ``POSE_RESOLUTION``. They are ordered by the
-        float's index in the frame, then by frame. The lowest bytes of all differences come first, then the second,
-        third and fourth bytes.
+        Differences between frames as 32-bit integers, in multiples of ``POSE_RESOLUTION``. The differences are ordered
+        by the float's index in the frame, then by frame. The lowest bytes of all differences come first, then the
+        second, third and fourth bytes.
     """
     steps = np.round(np.frombuffer(poses, "<f4").reshape(frames, -1).astype(float) / POSE_RESOLUTION)
     changes = np.diff(steps, axis=0, prepend=0.0).T.astype("<i4")

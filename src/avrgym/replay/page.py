@@ -44,7 +44,7 @@ class PageData(msgspec.Struct, frozen=True):
 
 
 class ReplayedTrial(NamedTuple):
-    """A recording with the results of ``build_timeline``: timeline and poses."""
+    """A recorded trial, with its timeline and poses from ``build_timeline``."""
 
     recording: Recording
     timeline: Timeline

@@ -27,7 +27,7 @@ ProgressCallback = Callable[[], None]
 VIDEO_SIZE_PX, STRIP_IMAGE_SIZE_PX = (1280, 720), (640, 480)
 """Width and height of videos, and of the frames of an image strip."""
 VIDEO_FRAMES_PER_S = 25
-"""Frame rate of videos."""
+"""Number of frames of a video per second."""
 GIF_FRAMES_PER_S = 10
 CAPTION_HEIGHT_PX = 40
 TEXT_COLOUR, BACKGROUND_COLOUR = (20, 50, 58), (255, 255, 255)

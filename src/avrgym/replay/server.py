@@ -84,6 +84,6 @@ class ReplayServer:
         self._web.stop()
 
     def wait(self) -> None:
-        """Wait until the server ends."""
+        """Wait until the web server ends, for example after Ctrl+C."""
         while self._web.is_running:
             self._web.wait(0.5)

@@ -132,8 +132,8 @@ def recorded_scene_parameters(recording: Recording) -> tuple[str, Person, Settin
 
 
 def _facts(recording: Recording) -> dict[str, str]:
-    """Returns information about the trial, such as environment and policy, by heading. It does not contain the
-    participant's name.
+    """Returns information about the trial, such as environment and policy, by heading. The information does not contain
+    the participant's name.
     """
     trial = recording.configuration
     facts = {
@@ -149,7 +149,7 @@ def _facts(recording: Recording) -> dict[str, str]:
 
 
 def _frames(playback: Playback, progress: Callable[[], None]) -> tuple[list[float], list[bytes]]:
-    """Returns the times and poses of every second recorded state."""
+    """Returns the times (seconds) and the encoded poses of every second recorded state."""
     times_s: list[float] = []
     frames: list[bytes] = []
     states = (each for each in playback.recompute(follow=True) if isinstance(each, ComparedState))

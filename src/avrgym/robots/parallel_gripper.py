@@ -22,7 +22,7 @@ TOOL_ROTATIONS = {
     "scratcher": transforms.IDENTITY_QUATERNION,
     "washcloth": WASHCLOTH_ROTATION,
 }
-"""Rotations of tools relative to a spoon."""
+"""Rotations (4,) of tools in the hand relative to a spoon, by tool."""
 
 
 def parallel_grips(

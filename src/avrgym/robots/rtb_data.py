@@ -1,4 +1,4 @@
-"""Robot descriptions of the installed package ``rtb-data``."""
+"""Finds robot descriptions and meshes in the installed package ``rtb-data``."""
 
 from collections.abc import Mapping
 from pathlib import Path

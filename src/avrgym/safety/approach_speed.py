@@ -12,8 +12,8 @@ from avrgym.safety.per_world_state import PerWorldState
 from avrgym.simulation.worlds import Simulation
 
 MONITORED_DISTANCE_M = 0.10
-"""Speeds are checked if the distance between tool and person is smaller. It is larger than a person's motion while an
-arm retracts.
+"""Maximum distance between tool and person at which speeds are checked. While an arm retracts, people move less than
+this distance.
 """
 _REGIONS = np.array([REGION_INDEX_OF_GEOM[geom] for geom in GEOMS])
 
@@ -56,7 +56,7 @@ class ApproachSpeedMonitor(PerWorldState):
         self.fastest_region, self.approach_speed_m_s = np.zeros(worlds, dtype=np.intp), np.zeros(worlds)
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,), from their current state."""
+        """Start episodes in worlds ``ids`` (n,) from their current physical state."""
         state = self._simulation.state()
         self._clear(ids)
         self._pad_w[ids], self._segment_w[ids] = state.pad_pos_w[ids], state.person_segment_w[ids]

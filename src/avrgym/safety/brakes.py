@@ -37,7 +37,7 @@ class Brakes:
         self._solver[:], self._tolerance[:] = mujoco.mjtSolver.mjSOL_NEWTON, BRAKED_SOLVER_TOLERANCE
 
     def release(self) -> None:
-        """Release the brakes: the robots can move."""
+        """Release the brakes and switch the motors on."""
         self._disabled_actuators[:] = 0
         self._friction[:, self._dofs] = 0.0
         self._solver[:], self._tolerance[:] = self._default_solver

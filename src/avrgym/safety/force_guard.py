@@ -68,7 +68,7 @@ class ForceGuard(PerWorldState):
         self._path_end, self._path_start = np.ones(worlds, dtype=np.intp), np.zeros(worlds, dtype=np.intp)
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,), from their current state."""
+        """Start episodes in worlds ``ids`` (n,) from their current physical state."""
         self._approach.reset(ids)
         self._clear(ids)
         self._path[ids] = self._simulation.configuration()[ids, None]
@@ -115,7 +115,7 @@ class ForceGuard(PerWorldState):
         return super().snapshot() | {"approach": self._approach.snapshot()}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restores the state of the guard from the result of ``snapshot``."""
         super().restore(snapshot)
         self._approach.restore(snapshot["approach"])
 

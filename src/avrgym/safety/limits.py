@@ -1,9 +1,9 @@
 """Limits of contact force and contact speed for each region of the body, after ISO/TS 15066.
 
 Table A.2 of ISO/TS 15066:2016 (since 2025 part of ISO 10218-2) limits the force on each region of the body. The limits
-apply to healthy adults at work. They mark the onset of pain, or of a slight injury such as a bruise. They are not
-limits of comfort, and not a target for care: a spoon touches lips with 1 to 3 N. The values are from publications that
-quote the standard, because its text is not freely available.
+apply to healthy adults at work. At the limits, pain or a slight injury such as a bruise begins. Comfortable forces in
+care are much lower: a spoon touches lips with 1 to 3 N. The values are from publications that quote the standard,
+because its text is not freely available.
 
 A clamped region must stay below the *quasi-static* limit. If a region can move away, the force may reach the
 *transient* limit for ``MAX_TRANSIENT_S``. This limit is the quasi-static limit times ``transient_factor``. The standard

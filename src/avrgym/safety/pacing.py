@@ -54,7 +54,7 @@ MAX_COMMAND_AGE_S = 60.0
 NO_COMMAND_INPUT = np.array(
     [0.0] * len(COMMAND_NAMES) + [MAX_COMMAND_AGE_S, 1.0, DEFAULT_PREFERENCES.distance_m, 0.0, 0.0]
 )
-"""Value of the input ``command`` if there is no command."""
+"""Value of the controllers' input ``command`` before the first command of a participant."""
 _PARTS: Mapping[OfferedBodyPart, tuple[str, ...]] = {
     "mouth": ("cranium", "jaw"),
     "arm": RIGHT_ARM_BODIES,
@@ -185,7 +185,7 @@ class PacingLayer(PerWorldState):
         return np.where(self._follows[:, None], scaled, self._own)
 
     def mode_name(self, world: int) -> str:
-        """Returns the mode of a world, one of ``PACING_MODES``."""
+        """Returns the current mode of the layer in a world, one of ``PACING_MODES``."""
         return PACING_MODES[int(self.mode[world])]
 
     @property
@@ -211,7 +211,7 @@ class PacingLayer(PerWorldState):
         return np.column_stack([latest, *rest]).astype(float)
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restores the state of the layer from the result of ``snapshot``."""
         super().restore(snapshot)
         self._retreats.clear()
 

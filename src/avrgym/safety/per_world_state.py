@@ -15,7 +15,7 @@ class PerWorldState:
         return {name: getattr(self, name).copy() for name in self.STATE_FIELDS}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restores the state of the layer from the result of ``snapshot``."""
         for name in self.STATE_FIELDS:
             setattr(self, name, snapshot[name].copy())
 

@@ -152,7 +152,7 @@ class RegionLoadRecorder:
         )
 
     def add(self, force_n: FloatArray) -> None:
-        """Add the forces (N, R) of a physics step."""
+        """Add the forces (N, R) of one physics step, in newtons."""
         self._steps += 1
         self._sum_n += force_n
         self._peak_n = np.maximum(self._peak_n, force_n)
@@ -161,7 +161,7 @@ class RegionLoadRecorder:
         self._longest_steps = np.maximum(self._longest_steps, self._over_limit_steps)
 
     def loads(self) -> RegionLoads:
-        """Returns the loads (N, R) over all steps until now."""
+        """Returns the loads (N, R) of the body regions over all physics steps until now."""
         steps = max(1, self._steps)
         return RegionLoads(
             mean_n=self._sum_n / steps,

@@ -25,11 +25,11 @@ FINAL_MOUTH_DISTANCE_M = 0.32
 FINAL_PERSON_DISTANCE_M = 0.10
 """Distance of tool and hand from the person at the end of the retreat."""
 MAX_RETREAT_DURATION_S = 6.0
-"""Maximum duration of a retreat."""
+"""Maximum duration of a retreat. Afterwards, ``Retreat.next_action`` returns ``None``."""
 MIN_GAP_M = 0.01
-"""Gap at which the allowed closing speed is zero."""
+"""Gap between arm and person at which the allowed closing speed is zero."""
 MAX_CONSIDERED_GAP_M = 0.15
-"""Gaps larger than this do not limit the joint speeds."""
+"""Maximum gap between arm and person that limits the joint speeds."""
 CHARACTERISTIC_LENGTH_M = 0.2
 """Length that converts a rotation error of the tool (rad) to a position error (m)."""
 JOINT_SPEED_WEIGHT = 0.03

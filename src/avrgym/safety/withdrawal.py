@@ -43,7 +43,7 @@ class Withdrawal(PerWorldState):
         """The withdrawal's actions (N, A) for the coming control step; ``None`` until they are computed."""
 
     def reset(self, ids: IntArray) -> None:
-        """Start episodes in worlds ``ids`` (n,)."""
+        """Start episodes in worlds ``ids`` (n,): no withdrawal is active there."""
         self._clear(ids)
         self._actions = None
         for world in ids.tolist():
@@ -105,7 +105,7 @@ class Withdrawal(PerWorldState):
         return self._retreats[world]
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restores a state from ``snapshot``."""
+        """Restores the state of the withdrawal from the result of ``snapshot``."""
         super().restore(snapshot)
         self._retreats.clear()
         self._actions = None

@@ -20,7 +20,7 @@ from avrgym.models.robot import BaseRange
 NUM_CANDIDATES = 100
 """Number of candidate base poses for each world."""
 NUM_UNIFORMS = 3 * NUM_CANDIDATES
-"""Number of uniform random numbers for one world's candidates."""
+"""Number of uniform random numbers for the candidates of one world: x, y and yaw of each candidate."""
 GOAL_ACCURACY_M, GOAL_ACCURACY_RAD = 0.03, np.radians(15.0)
 """Maximum errors of position (as in Assistive Gym) and rotation for a reached goal."""
 START_IK_ITERATIONS, START_IK_TOLERANCE_M = 15, 0.003

@@ -114,7 +114,7 @@ def _slides_qpos(model: mujoco.MjModel, bodies: Sequence[str]) -> IntArray:
 
 
 def actuator_ids(model: mujoco.MjModel, names: Sequence[str]) -> IntArray:
-    """Returns the ids (n,) of the actuators with these names."""
+    """Returns the ids (n,) of the actuators of a model with these names, in the same order."""
     return np.array([model.actuator(name).id for name in names], dtype=np.intp)
 
 

@@ -136,7 +136,7 @@ class StartClearanceChecker:
         return mujoco.mj_geomDistance(self._model, self._data, first, second, max(up_to_m, 0.0), None)
 
     def _name(self, geom: int) -> str:
-        """Returns the name of a geom's body for messages."""
+        """Returns the name of a geom's body for error messages, such as ``the robot's forearm``."""
         owner, _, part = _body(self._model, geom).rpartition("/")
         words = (part if owner else self._model.geom(geom).name).replace("_", " ")
         return {"person": "the person's ", "robot": "the robot's "}.get(owner, "the ") + words

@@ -50,15 +50,15 @@ __all__ = [
 
 
 MAX_SERVO_LEAD_RAD = 0.08
-"""Maximum difference between a servo's target and the joint position, in radians. It limits the force of a blocked
-servo. For slide joints, see ``kinematics.joint_units``.
+"""Maximum difference between a servo's target and the joint position, in radians. This limit also limits the force of a
+blocked servo. For slide joints, see ``kinematics.joint_units``.
 """
 
 
 BASE_JOINT_TYPES = (mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE)
-"""Types of the joints of ``Simulation.base_displacement``."""
+"""Types of the three joints of a driving base: two slides and a hinge."""
 REMOVED_PARTICLE_POS_W = np.array([4.0, 4.0, 0.1])
-"""Position of removed particles. They are far from all bodies, have no weight, and make no contacts."""
+"""Position of removed particles. Removed particles are far from all bodies, have no weight, and have no contacts."""
 
 
 @lru_cache(maxsize=16)
@@ -195,7 +195,7 @@ class Simulation:
         self._absent_geoms = np.flatnonzero(self._person.set_absent_arms(arms))
 
     def geoms(self, ids: IntArray) -> WorldGeoms:
-        """Returns all geoms of worlds ``ids`` (n,)."""
+        """Returns poses and sizes of all geoms in worlds ``ids`` (n,), world frame."""
         pos_w = self._host.geom_xpos[ids]
         pos_w[:, self._names.person_geoms[self._absent_geoms]] = REMOVED_PARTICLE_POS_W
         return WorldGeoms(pos_w, self._host.geom_xmat[ids], self._person.geom_size[ids])
@@ -280,8 +280,8 @@ class Simulation:
     def step(self, substeps: int = DEFAULT_SUBSTEPS, person_targets_rad: FloatArray | None = None) -> None:
         """Advance all worlds by physics steps. Forces are from the last step, positions from its end.
 
-        ``person_targets_rad`` (``substeps``, N, 20): targets of the servos of moving people for each physics step. They
-        are not available with ``interpolate_person_targets``.
+        ``person_targets_rad`` (``substeps``, N, 20): targets of the servos of moving people for each physics step. This
+        argument is not available with ``interpolate_person_targets``.
         """
         if person_targets_rad is None:
             self.engine.step(substeps)
@@ -312,7 +312,7 @@ class Simulation:
         now.qfrc_applied[:, at.particle_dof[:, 2]] = xp.where(removed, weight_n, push)
 
     def state(self) -> State:
-        """Returns the state of all worlds, in new arrays."""
+        """Returns the physical state of all worlds, in new arrays; see ``State``."""
         at, now = self._at, self._now
         sensors, xp = now.sensordata, namespace(now.sensordata)
         by_tool = float_copy(sensors[:, at.tool_contacts]).reshape(self.num_worlds, MAX_TOOL_CONTACTS, 9)
@@ -450,7 +450,7 @@ class Simulation:
         return self.batch.state[world].copy()
 
     def set_integration_state(self, state: FloatArray, world: int = 0) -> None:
-        """Set one world to a state from ``integration_state``."""
+        """Set the state of one world to a result of ``integration_state``."""
         self.batch.state[world] = state
         self.batch.forward(np.array([world]), stage=mujoco.mjtStage.mjSTAGE_VEL)
         self.engine.copy_from_host(np.array([world]))
@@ -500,7 +500,7 @@ class Simulation:
         return poses
 
     def person_joint_angles_rad(self) -> FloatArray:
-        """Returns the joint angles (N, 20) of moving people."""
+        """Returns the current joint angles (N, 20) of moving people, radians."""
         return self._now.qpos[:, self._at.person_qpos]
 
     def _person_segments(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Write template packages for ``avrgym new``."""
+"""Writes packages from templates, for the command ``avrgym new``."""
 
 import importlib.util
 import keyword

@@ -30,7 +30,7 @@ WORKER_START_TIMEOUT_S = 300.0
 MAX_WORKER_DEATHS = 8
 """Number of unexpected ends of worker processes in one call after which the call fails."""
 BASE_WORKER_BYTES = 400 << 20
-"""Memory of a worker process without worlds."""
+"""Memory in bytes of a worker process without simulated worlds."""
 ENV_VAR_PREFIX = "AVRGYM_"
 """Environment variables with this prefix are copied to the workers."""
 VERSION_CHECKED_PACKAGES = ("avrgym", "mujoco", "numpy")
@@ -191,7 +191,7 @@ class Cluster:
 
 
 class _Calls:
-    """All calls of a function, and their results."""
+    """The calls of one function in ``Cluster.starmap``, and their results."""
 
     def __init__(self, function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> None:
         self.function, self.arguments = function, arguments

@@ -5,7 +5,7 @@ from functools import cache
 from importlib.metadata import PackageNotFoundError, requires
 
 DEVELOPER_EXTRAS = ("dev", "docs")
-"""Extras for developers of AVR Gym."""
+"""Names of the extras for developers of AVR Gym."""
 _EVERYTHING = "all"
 _DISTRIBUTIONS = {
     "google": "mcap_protobuf_support",

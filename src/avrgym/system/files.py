@@ -38,7 +38,7 @@ def leftover_temporary_files(folder: Path) -> list[Path]:
 
 
 def remove_leftover_files(folder: Path) -> None:
-    """Remove the files that ``leftover_temporary_files`` returns for a folder."""
+    """Remove the temporary files of killed processes in a folder, see ``leftover_temporary_files``."""
     for path in leftover_temporary_files(folder):
         path.unlink(missing_ok=True)
 

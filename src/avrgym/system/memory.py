@@ -10,7 +10,7 @@ MMAP_THRESHOLD_BYTES = 4 << 20
 arrays of a control step are smaller.
 """
 _M_MMAP_THRESHOLD = -3
-"""Parameter number in glibc, see `mallopt(3)`."""
+"""Number of the parameter for the mmap threshold in glibc, see `mallopt(3)`."""
 
 
 @cache

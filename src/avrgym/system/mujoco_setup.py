@@ -12,7 +12,7 @@ OFFSCREEN_LIBRARIES = {"EGL": "egl", "OSMesa": "osmesa"}
 PLATFORM_BACKENDS = {"linux": ("glx", "egl", "osmesa"), "win32": ("wgl",), "darwin": ("cgl",)}
 COMMON_BACKENDS = ("glfw", "off")
 OTHER_MUJOCO_GL_VALUES = ("", "enable", "enabled", "on", "true", "1", "disable", "disabled", "false", "0")
-"""Other values of ``MUJOCO_GL`` that MuJoCo accepts."""
+"""Values of the environment variable ``MUJOCO_GL`` that MuJoCo accepts, in addition to names of libraries."""
 RENDERING_HINT = (
     "set MUJOCO_GL=egl (graphics card or Mesa) or MUJOCO_GL=osmesa (software) in the environment "
     "before Python starts"

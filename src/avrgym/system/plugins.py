@@ -24,7 +24,7 @@ TASK_GROUP, ROBOT_GROUP, CONTROLLER_GROUP = "avrgym.tasks", "avrgym.robots", "av
 """Names of the entry point groups of Python packages for tasks, robots and controllers."""
 _LOG = logging.getLogger("avrgym.plugins")
 _loaded: dict[tuple[str, str], EntryPoint] = {}
-"""Entry points of loaded objects, by group and name."""
+"""Entry points of the loaded plug-ins, by group and name of the object."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def entry_point_of(group: str, name: str) -> EntryPoint | None:
 
 @cache
 def entry_points_of(group: str) -> tuple[EntryPoint, ...]:
-    """Returns the entry points of a group, sorted by name. They are cached; nothing is imported."""
+    """Returns the entry points of a group, sorted by name. The result is cached; nothing is imported."""
     return tuple(sorted(entry_points(group=group), key=describe_entry_point))
 
 

@@ -1,4 +1,4 @@
-"""Query other processes of this computer."""
+"""Checks whether other processes of this computer are running."""
 
 import os
 from pathlib import Path

@@ -39,8 +39,8 @@ def parse_split(name: str) -> Split:
 
 
 def evaluation_generators(split: Split, seed: int, numbers: Iterable[int]) -> list[Generator]:
-    """Returns one random generator for each episode number of a split. It determines the person, the initial state and
-    the exploration noise of the episode.
+    """Returns one random generator for each episode number of a split. The generator determines the person, the initial
+    state and the exploration noise of the episode.
     """
     key = (_SPAWN_KEYS[split],)
     return [default_rng(SeedSequence([seed, number], spawn_key=key)) for number in numbers]

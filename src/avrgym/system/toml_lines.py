@@ -1,4 +1,4 @@
-"""Line numbers of values in TOML text, for error messages."""
+"""Finds the line numbers of values in TOML text, for error messages."""
 
 import re
 from typing import Any

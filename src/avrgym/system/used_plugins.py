@@ -18,7 +18,7 @@ import msgspec
 
 PluginKind = Literal["task", "robot", "controller"]
 PRINTED_HASH_DIGITS = 12
-"""Number of printed digits of a hash."""
+"""Number of hexadecimal digits of a hash that are printed in texts."""
 
 
 class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
@@ -38,7 +38,7 @@ class UsedPlugin(msgspec.Struct, frozen=True, omit_defaults=True):
 
     @property
     def label(self) -> str:
-        """Returns kind and name, such as ``robot Gen3``."""
+        """Returns kind and name of the plug-in, such as ``robot Gen3``."""
         return f"{self.kind} {self.name}"
 
     def __str__(self) -> str:
@@ -138,7 +138,7 @@ def _files(root: Path) -> list[tuple[str, Path]]:
 
 
 def _files_in(root: Path) -> Iterator[Path]:
-    """Yields all files except hidden files and compiled Python files."""
+    """Yields all files in the folder ``root`` except hidden files and compiled Python files."""
     for path in [root] if root.is_file() else root.rglob("*"):
         names = path.relative_to(root.parent).parts
         hidden = any(name == "__pycache__" or name.startswith(".") for name in names)

@@ -1,4 +1,4 @@
-"""Checks of actions before they are executed."""
+"""Checks actions (shape and finite numbers) before they are executed."""
 
 from typing import Any
 

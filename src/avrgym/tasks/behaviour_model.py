@@ -63,11 +63,11 @@ class BehaviourModel:
         self._state, self._motor = self._initial(people, uniforms)
 
     def snapshot(self) -> tuple[BehaviourState, MotorState]:
-        """Returns the state on which the next steps depend."""
+        """Returns the states of behaviour model and motor model, on which the next steps depend."""
         return self._state, self._motor
 
     def restore(self, snapshot: tuple[BehaviourState, MotorState]) -> None:
-        """Restore a state from ``snapshot``."""
+        """Restore both states from the result of ``snapshot``."""
         self._state, self._motor = snapshot
 
     def reset(self, ids: IntArray, people: People, uniforms: FloatArray) -> None:

@@ -44,7 +44,7 @@ Shadows are not rendered, because they are slow without a graphics card.
 _BACKGROUND, _PERSON, _ROBOT, _TOOL, _PARTICLES, _FURNITURE = range(len(SEGMENTATION_LABELS))
 HIDDEN_GEOM_GROUP = 5
 Images = dict[str, NumpyArray]
-"""Images by observation entry, such as ``wrist_rgb``."""
+"""Images by key of the observation dictionary, such as ``wrist_rgb``."""
 PersonAppearanceKey = tuple[str, float, float, str, float | None, float | None]
 
 
@@ -94,7 +94,7 @@ class CameraImages:
             self._context = None
 
     def __del__(self) -> None:
-        """Free the graphics memory while its context is current."""
+        """Free the graphics memory when the object is deleted."""
         self.close()
 
     def _graphics(self) -> AbstractContextManager[None]:
@@ -150,7 +150,7 @@ class _SexModel:
         self._skins = _skin_rows(model)
 
     def show(self, episodes: "Episodes", world: int, person: Person) -> None:
-        """Copies a world's person and body poses to the model."""
+        """Copies the person and the body poses of a world to this model."""
         build = person.stature_m, person.bmi_kg_m2
         key = (person.sex, person.torso_height_m, person.arm_scale, person.skin_tone, *build)
         if key != self._shown:
@@ -161,7 +161,7 @@ class _SexModel:
         update_poses(model, self._data, episodes.simulation.qpos(world))
 
     def _set_person(self, key: PersonAppearanceKey, person: Person, episodes: "Episodes") -> None:
-        """Set the size and skin tone of the model's person."""
+        """Set the body size and the skin tone of the person in this model."""
         if key not in self._people:
             if len(self._people) > episodes.simulation.num_worlds:
                 self._people.clear()
@@ -237,7 +237,7 @@ def _owned_context() -> Any:
     """
 
     def ignore(context: Any) -> None:
-        """Does nothing: ``CameraImages.close`` frees the context."""
+        """Does nothing. ``CameraImages.close`` frees the context."""
 
     return type("_OwnedContext", (mujoco.GLContext,), {"__del__": ignore})
 

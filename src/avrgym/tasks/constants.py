@@ -1,4 +1,4 @@
-"""Names and constants of the packaged tasks and robots. This module does not import the tasks."""
+"""Names and constants of the packaged tasks and robots, for modules that must not import the tasks."""
 
 from itertools import product
 
@@ -24,7 +24,7 @@ def environment_id(task: str, robot: str) -> str:
 PACKAGED_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PACKAGED_TASKS, PACKAGED_ROBOTS)
 )
-"""Packaged environment ids. Plug-ins add more ids."""
+"""Ids of the packaged environments. Plug-ins register further ids."""
 PAPER_ENVIRONMENTS = tuple(
     environment_id(task, robot) for task, robot in product(PAPER_TASKS, ("Jaco", "PR2"))
 )

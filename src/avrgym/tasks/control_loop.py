@@ -128,7 +128,7 @@ class ControlLoop:
         return {name: layer.snapshot() for name, layer in layers.items() if layer is not None}
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restore a state from ``snapshot``."""
+        """Restore the state of the layers from the result of ``snapshot``."""
         if self.pacing is not None:
             self.pacing.restore(snapshot["pacing"])
         if self.withdrawal is not None:
@@ -231,7 +231,7 @@ class ControlLoop:
         return actions is not None
 
     def _finish(self) -> StepOutcome:
-        """Evaluate the control step that ends now. Returns its result."""
+        """Evaluate the control step that ends now. Returns its observation, reward and other results."""
         unrewarded = (
             None if self._reward_withdrawal or self.withdrawal is None else self.withdrawal.active_mask
         )

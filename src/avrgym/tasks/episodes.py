@@ -44,7 +44,9 @@ if TYPE_CHECKING:
     from avrgym.tasks.camera_images import CameraImages
 
 ACTION_PENALTY_TERM = "action_squared"
-"""Name of the reward term of the action penalty. This term depends on the agent, robot or human."""
+"""Name of the reward term of the action penalty. The value of this term is different for the two agents, robot and
+human.
+"""
 MAX_TOOL_POSITION_ERROR_M = 0.01
 """Maximum distance of the tool from its intended initial position, if settings move the base or the table."""
 MAX_REACH_SAMPLES = 10
@@ -167,7 +169,7 @@ class Episodes:
         self.action_size = len(self.scene.action_names)
         """Length A of an action, see ``SceneConfig.action_names``."""
         self.offered_joints = cooperation.OFFERED_JOINTS[self.task.offered]
-        """The joints that ``command_people`` moves, by name."""
+        """Names of the people's joints that ``command_people`` moves."""
         self.observation = self.task.observation(self.scene)
         self.human_observer = HumanObserver(self.task.offered, self.observation)
         self.simulation = Simulation(
@@ -208,7 +210,7 @@ class Episodes:
         """The control loop that steps the worlds."""
 
     def __getstate__(self) -> dict[str, Any]:
-        """Returns arguments and state for copying and pickling. A copy continues bit-identically. It reads a people
+        """Returns arguments and state for copying and pickling. A copy continues bit-identically, and reads a people
         file again.
         """
         return {
@@ -233,11 +235,11 @@ class Episodes:
 
     @property
     def people(self) -> People:
-        """The people (N,) of the current episodes."""
+        """Body parameters (N,) of the people in the current episodes."""
         return self._people.people
 
     def set_person(self, person: Person) -> None:
-        """Use a fixed person in all following episodes."""
+        """Use a fixed person in all worlds and all following episodes."""
         self._people.person = person
         self.simulation.set_absent_arms(person.absent_arms)
 
@@ -326,7 +328,7 @@ class Episodes:
         self.task_state = replace_task_states(self.task_state, task_state, ids)
 
     def _with_strength(self, people: People) -> People:
-        """Returns the people with their joint strength multiplied by ``Task.strength_share``."""
+        """Returns the people with their joint strength multiplied by ``Task.strength_share``, if the task has one."""
         share = self.task.strength_share
         if share is None:
             return people
@@ -472,7 +474,7 @@ class Episodes:
         )
 
     def state(self) -> State:
-        """Returns the current physical state, for tasks and experts."""
+        """Returns the current physical state of all worlds, for tasks and experts."""
         return self.simulation.state()
 
     def observe(self) -> FloatArray:
@@ -513,7 +515,7 @@ class Episodes:
         return self._images.images(worlds)
 
     def close_images(self) -> None:
-        """Free the graphics memory of ``images``."""
+        """Free the graphics memory that ``images`` uses."""
         if self._images is not None:
             self._images.close()
             self._images = None
@@ -525,6 +527,6 @@ class Episodes:
         return self.task.marks.places(self.simulation.arm_poses(), self.task_state)
 
     def person_of_world(self, world: int) -> Person:
-        """Returns the person of a world's current episode."""
+        """Returns the person in the current episode of a world."""
         person, fixed = self.people.person_at(world), self._people.person
         return person if fixed is None else replace(person, absent_arms=fixed.absent_arms)

@@ -70,7 +70,7 @@ class HumanObserver:
         self.scale = np.array(
             [None] * len(tool) + scales + [None] * len(angles + body + [MAX_FORCE_N] * 2), float
         )
-        """Fixed scales (O,), NaN without a scale, as in ``Observation``."""
+        """Fixed scales (O,) for the normalisation of observations; NaN for values without a fixed scale."""
 
     @property
     def _is_arm(self) -> bool:

@@ -56,7 +56,7 @@ def goal_offset_entry(name: str, compute: EntryFunction) -> ObservationEntry:
 
 
 def quaternion_entry(name: str, compute: EntryFunction) -> ObservationEntry:
-    """Returns an entry of a quaternion w, x, y, z."""
+    """Returns an entry of a rotation: a unit quaternion w, x, y, z."""
     return ObservationEntry(name, 4, MAX_QUATERNION_COMPONENT, compute)
 
 
@@ -95,17 +95,17 @@ class Observation:
 
     @property
     def bound(self) -> FloatArray:
-        """Bounds (O,) of the absolute value of each value."""
+        """Upper bounds (O,) of the absolute values of an observation."""
         return self._each([entry.bound for entry in self.entries])
 
     @property
     def scale(self) -> FloatArray:
-        """Fixed scales (O,); NaN for values without a fixed scale."""
+        """Fixed scales (O,) for the normalisation of observations; NaN for values without a fixed scale."""
         return self._each([np.nan if entry.scale is None else entry.scale for entry in self.entries])
 
     @property
     def entry_ends(self) -> IntArray:
-        """Index after the last value of each entry."""
+        """Index after the last value of each entry, as an array with one index per entry."""
         return np.cumsum([entry.size for entry in self.entries])
 
     def _each(self, values: list[float]) -> FloatArray:

@@ -8,7 +8,7 @@ from avrgym.simulation.worlds import State
 
 TOUCH_MARGIN_M = 0.002
 FLOOR_HEIGHT_M = 0.03
-"""Particles below this height have reached the floor."""
+"""Height in metres below which particles have reached the floor."""
 
 
 def particles_on_person(state: State, radius_m: float, candidates: BoolArray) -> BoolArray:

@@ -82,7 +82,7 @@ def _build_registry() -> TaskRegistry:
 _REGISTRY = _build_registry()
 TASKS: Mapping[str, Task] = _REGISTRY.tasks
 ENVIRONMENTS: Mapping[str, tuple[str, str]] = _REGISTRY.environments
-"""Names of task and robot by environment id."""
+"""Names of the task and the robot of each environment, by environment id."""
 SKIPPED_PLUGINS: tuple[plugins.SkippedPlugin, ...] = tuple(_REGISTRY.skipped_plugins)
 """Error messages of skipped plug-ins: of tasks, and of single environments."""
 

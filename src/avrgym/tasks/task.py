@@ -81,7 +81,7 @@ class RunningEpisodes(Protocol):
         ...
 
     def state(self) -> State:
-        """Returns the current physical state."""
+        """Returns the current physical state of all worlds."""
         ...
 
 
@@ -123,7 +123,7 @@ class Views(NamedTuple):
     on_floor: View
 
     def of_mount(self, mount: Mount) -> View:
-        """Returns the view for a robot with this mount."""
+        """Returns the view for a robot with this mount: on furniture or on the floor."""
         return self.on_floor if mount.on_floor else self.mounted
 
 
@@ -312,7 +312,7 @@ _FUNCTIONS = (
 
 
 def joint_strength_shares(strength_share: float | Mapping[str, float]) -> FloatArray:
-    """Returns the strength share of each joint (20,), from ``Task.strength_share``."""
+    """Returns the strength share (20,) of each joint of the person, from ``Task.strength_share``."""
     if isinstance(strength_share, Mapping):
         return np.array([strength_share.get(name, 1.0) for name in JOINTS])
     return np.full(len(JOINTS), strength_share)

@@ -233,7 +233,7 @@ class _SimulationInFrame:
 
 
 class _EpisodesInFrame:
-    """Running episodes in the task's frame, for experts."""
+    """Running episodes with states and simulation in the task's frame, for experts."""
 
     def __init__(self, episodes: RunningEpisodes, wrapped: _Wrapped) -> None:
         self._episodes, self._wrapped = episodes, wrapped

@@ -167,7 +167,7 @@ class WorldPeople:
 
     @property
     def has_random_arm_pose(self) -> bool:
-        """Whether the initial pose of these people's arm is random."""
+        """Whether the initial pose of the people's right arm is random."""
         return self.person is None and any(self._pose(each).has_random_arm_pose for each in self._populations)
 
     def create_people(self, example_array: Any) -> None:
@@ -197,7 +197,7 @@ class WorldPeople:
         self._people_in_frame = self._frame.transform_people(self._device_people)
 
     def reset_to_person(self) -> None:
-        """Replace the people of all worlds by the fixed person."""
+        """Replace the people of all worlds by copies of the fixed person."""
         self._set_people(
             distributions.repeat_person(self.person or Person(), len(self.people.torso_height_m))
         )
@@ -235,7 +235,7 @@ class WorldPeople:
         for_impairments: FloatArray,
         for_behaviour: FloatArray,
     ) -> People:
-        """Returns sampled people (n,) of a population."""
+        """Returns n people of a population, sampled from uniform random numbers."""
         distribution, heights_m = population.distribution, self._settings.torso_height_m
         if heights_m is not None:
             distribution = replace(
@@ -344,7 +344,7 @@ class WorldPeople:
         return clip_joint_angles(self._device_people, joint_angles_rad)
 
     def snapshot(self) -> dict[str, Any]:
-        """Returns the state on which the next steps depend."""
+        """Returns the state of the people on which the next steps depend."""
         return {
             "people": self.people,
             "behaviour": self._behaviour.snapshot(),
@@ -355,7 +355,7 @@ class WorldPeople:
         }
 
     def restore(self, snapshot: dict[str, Any]) -> None:
-        """Restore a state from ``snapshot``."""
+        """Restore the state of the people from the result of ``snapshot``."""
         self._set_people(snapshot["people"])
         self._behaviour.restore(snapshot["behaviour"])
         self._steps = snapshot["steps"].copy()

@@ -1,8 +1,8 @@
 """The simulated person: body models of a man and a woman, scaled by torso height, static or moving.
 
 Axes are those of the world frame: x to the person's left, y to the back, z up. ``body_layout`` computes body and geom
-frames of any number of people. Its results are used in the compiled model of one person, and in the model fields of all
-worlds.
+frames of any number of people. The compiled model of one person and the model fields of all worlds contain these
+frames.
 """
 
 from avrgym.models.body_names import SEXES, Sex

@@ -48,7 +48,7 @@ BODIES = tuple(PARENT_BODIES)
 RIGHT_ARM_BODIES = ("right_upper_arm", "right_forearm", "right_hand")
 LEFT_ARM_BODIES = ("left_upper_arm", "left_forearm", "left_hand")
 ARM_BODIES: Mapping[Side, tuple[str, ...]] = {"left": LEFT_ARM_BODIES, "right": RIGHT_ARM_BODIES}
-"""Bodies and geoms of each arm. Their frames are shoulder, elbow and wrist."""
+"""Names of the bodies and geoms of each arm. The frames of these bodies are at shoulder, elbow and wrist."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, 
 
 @dataclass(frozen=True, eq=False)
 class BodyLayout:
-    """Poses and sizes of the bodies, geoms and sites of N people, by name. They are computed on demand.
+    """Poses and sizes of the bodies, geoms and sites of N people, by name. The values are computed on demand.
 
     Positions (N, 3) are in metres. Lengths along the body are scaled by ``length_scale`` (N,), arm lengths by
     ``arm_scale``. ``chest_depth_change_m`` (N,) is the radius of the chest minus that of the sex's reference. With a
@@ -149,7 +149,7 @@ def body_layout(
     """Returns the layout of N people. Lengths along the body are proportional to the torso height; radii are not.
 
     Lengths of upper arms and forearms are also proportional to ``arm_scale`` (N,). ``stature_and_bmi`` are stature and
-    body mass index (N,). They determine radii and mass; see ``anthropometry.scale_girths``.
+    body mass index (N,). Both determine radii and mass; see ``anthropometry.scale_girths``.
     """
     reference = unscaled_proportions(is_woman, torso_height_m)
     scale = torso_height_m / reference.torso_height
@@ -159,7 +159,7 @@ def body_layout(
 
 
 def body_layout_of_people(people: People, posture: Posture = SEATED) -> BodyLayout:
-    """Returns the layout of ``people`` in a posture, see ``body_layout``."""
+    """Returns the body layout of N ``people`` in a posture, with their own arm lengths and girths."""
     stature_and_bmi = people.stature_m, people.bmi_kg_m2
     return body_layout(people.is_woman, people.torso_height_m, posture, people.arm_scale, stature_and_bmi)
 

@@ -25,7 +25,7 @@ SKIN_TONES: Mapping[str, tuple[float, float, float]] = {
     "brown": (0.48, 0.33, 0.24),
     "dark": (0.31, 0.21, 0.16),
 }
-"""Rendered skin colours: red, green, blue from 0 to 1."""
+"""Rendered skin colours by name: red, green and blue, 0 to 1."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Person:
     Attributes:
         sex: ``man`` or ``woman``, which selects the body model.
         torso_height_m: distance from the hip bone to the centre of the head.
-        joint_angles_rad: joint angles (20,).
+        joint_angles_rad: joint angles in the order of ``human.JOINTS`` (20,).
         skin_tone: a name in ``SKIN_TONES``.
         arm_scale: length of upper arms and forearms relative to the average for this torso height.
         stature_m, bmi_kg_m2: stature and body mass index, which determine radii and mass. With ``None``, radii and mass
             are those of the paper's man or woman.
-        absent_arms: amputated arms. They make no contact and are not drawn. Their joints stay in the model, so
-            observations contain the pose of these joints.
+        absent_arms: amputated arms, which have no contacts and are not drawn. The joints of these arms remain in the
+            model. Observations therefore contain their pose.
 
     Raises:
         ValueError: for a value out of range.
@@ -99,14 +99,14 @@ def as_person(person: "Person | Mapping[str, Any] | None") -> "Person | None":
 
 
 def check_arm_scale(arm_scale: float) -> None:
-    """Raises ``ValueError`` for an arm scale out of range."""
+    """Raises ``ValueError`` for an arm scale out of range. The message contains the range."""
     low, high = ARM_SCALE_RANGE
     if not low <= arm_scale <= high:
         raise ValueError(f"arm_scale is {arm_scale:.2f}; allowed: {low:g} to {high:g}")
 
 
 def check_torso_height(torso_height_m: float) -> None:
-    """Raises ``ValueError`` for a torso height out of range."""
+    """Raises ``ValueError`` for a torso height out of range. The message contains the range."""
     low, high = TORSO_HEIGHT_RANGE_M
     if not low <= torso_height_m <= high:
         raise ValueError(f"the torso height is {torso_height_m:.3f} m; allowed: {low:.2f} to {high:.2f} m")
@@ -183,7 +183,7 @@ class People:
         )
 
     def person_at(self, index: int) -> Person:
-        """Returns the person with this index."""
+        """Returns the body parameters of the person with index ``index`` as a ``Person``."""
         sex = SEXES[int(self.is_woman[index])]
         return Person(
             sex,

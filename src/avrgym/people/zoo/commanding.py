@@ -1,8 +1,9 @@
-"""Partners that command the robot: the style ``commanding``. They move like ``cooperating`` people.
+"""Partners that command the robot: the style ``commanding``. These partners move like those of the style
+``cooperating``.
 
-Their populations are ``zoo/train/commanding``, ``zoo/unseen/commanding`` and ``zoo/extreme/commanding``. The other
-populations do not contain these partners. With them, the robot waits in front of mouth or arm for a command, see
-``safety.pacing``.
+The populations of these partners are ``zoo/train/commanding``, ``zoo/unseen/commanding`` and
+``zoo/extreme/commanding``. The other populations do not contain these partners. With them, the robot waits in front of
+mouth or arm for a command, see ``safety.pacing``.
 """
 
 from collections.abc import Iterator, Mapping
@@ -38,7 +39,7 @@ class CommandParameters:
     wait_per_min: FloatArray
 
     def of(self, rows: IntArray) -> "CommandParameters":
-        """Returns the parameters of the partners ``rows``."""
+        """Returns the command parameters of the partners with the indices ``rows``, arrays (n,)."""
         return CommandParameters(*(array[rows] for array in vars(self).values()))
 
 
@@ -71,7 +72,7 @@ CommandState = tuple[CommandParameters, FloatArray, FloatArray, FloatArray]
 class PartnerCommands:
     """The commands of partners in N worlds. A command is given at the start of a control step.
 
-    The times between commands ``wait`` are equal. The first one comes after a random share of this time.
+    The times between commands ``wait`` are equal. The first command ``wait`` is after a random share of this time.
     """
 
     def __init__(self, partners: CommandingPartners, worlds: int) -> None:
@@ -120,7 +121,7 @@ class PartnerCommands:
         return np.floor(self._moved_s * self._parameters.wait_per_min / 60.0 + self._phase)
 
     def snapshot(self) -> CommandState:
-        """Returns the state on which the next steps depend."""
+        """Returns the state of the partners' commands on which the next steps depend."""
         return self._parameters, self._waited_s, self._moved_s, self._phase
 
     def restore(self, snapshot: CommandState) -> None:

@@ -124,7 +124,7 @@ def choose_goal_angles(
 
 
 def are_startled(state: PartnerState) -> BoolArray:
-    """Returns a mask (N,) of the startled partners."""
+    """Returns the boolean mask (N,) of partners that are startled now."""
     return state.time_since_startle_s <= BehaviourParameters.from_table(state.parameters).startle_duration_s
 
 

@@ -167,7 +167,7 @@ def parameters_of(values: Sequence[Mapping[str, float]]) -> BehaviourParameters:
 
 
 PARTNER_PARAMETERS = parameters_of([style_values(STYLES[each.style], each.levels) for each in PARTNERS])
-"""Parameters of all ``PARTNERS``, in the same order."""
+"""Behaviour parameters of all ``PARTNERS``, in the same order."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +196,7 @@ class PartnerSet:
 
 
 NUM_FITTED_PARTNERS = 512
-"""Number of partners that are sampled for a fitted population."""
+"""Number of partners that are sampled for a population that was fitted to a study."""
 
 
 def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]]) -> PartnerSet:
@@ -204,8 +204,8 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
 
     Args:
         estimates: means and standard deviations of each participant's parameters. Each partner behaves like one
-            participant. Its parameters are normally distributed and clipped to ``PARAMETER_BOUNDS``. Parameters without
-            an estimate have their default values.
+            participant. The parameters of the partner are normally distributed and clipped to ``PARAMETER_BOUNDS``.
+            Parameters without an estimate have their default values.
     """
     random = random_streams.fitted_population_generator()
     normal = random.standard_normal((NUM_FITTED_PARTNERS, len(PARAMETER_NAMES)))
@@ -222,7 +222,7 @@ def sample_fitted_partners(estimates: Sequence[Mapping[str, tuple[float, float]]
 
 
 def _zoo_set(zoo: str, styles: Collection[str]) -> PartnerSet:
-    """Returns all partners of the given styles of a zoo."""
+    """Returns the set of all partners of the given styles in one population of the zoo."""
     places = [
         [row for row, partner in enumerate(PARTNERS) if (partner.zoo, partner.style) == (zoo, style)]
         for style in styles

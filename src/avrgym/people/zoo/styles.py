@@ -192,4 +192,4 @@ COMMAND_SOURCES: Mapping[str, str] = {
     "comfortable_speed": ASSUMED_SOURCE,
     "wait_per_min": ASSUMED_SOURCE,
 }
-"""Source of the range of each parameter of ``CommandParameters``."""
+"""Literature source (or assumption) of the range of each parameter of ``CommandParameters``."""

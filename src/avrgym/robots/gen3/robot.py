@@ -1,4 +1,4 @@
-"""The Gen3. ``gen3.xml`` contains the kinematics, ``rtb-data`` the meshes."""
+"""Robot record of the Gen3. ``gen3.xml`` contains the kinematics, the package ``rtb-data`` the meshes."""
 
 from importlib.resources import files
 

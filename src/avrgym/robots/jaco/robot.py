@@ -1,4 +1,4 @@
-"""The Jaco. ``jaco.xml`` contains the kinematics, ``rtb-data`` the meshes (j2s7s300)."""
+"""Robot record of the Jaco. ``jaco.xml`` contains the kinematics, the package ``rtb-data`` the meshes (j2s7s300)."""
 
 from collections.abc import Mapping
 from importlib.resources import files

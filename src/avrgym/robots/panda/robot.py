@@ -1,4 +1,4 @@
-"""The Panda. ``panda.xml`` contains the kinematics, ``rtb-data`` the meshes."""
+"""Robot record of the Panda. ``panda.xml`` contains the kinematics, the package ``rtb-data`` the meshes."""
 
 from collections.abc import Mapping
 from importlib.resources import files

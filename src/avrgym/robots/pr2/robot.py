@@ -1,4 +1,4 @@
-"""The PR2. ``pr2.xml`` contains the kinematics, ``rtb-data`` the meshes."""
+"""Robot record of the PR2. ``pr2.xml`` contains the kinematics, the package ``rtb-data`` the meshes."""
 
 from collections.abc import Mapping
 from importlib.resources import files

@@ -1,4 +1,6 @@
-"""Stretch 3. ``stretch.xml`` contains the kinematics, ``hello-robot-stretch-urdf`` the meshes."""
+"""Robot record of Stretch 3. ``stretch.xml`` contains the kinematics, the package ``hello-robot-stretch-urdf`` the
+meshes.
+"""
 
 from collections.abc import Mapping
 from importlib.resources import files

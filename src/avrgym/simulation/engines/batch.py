@@ -36,7 +36,7 @@ class ForkSafeBatch(Batch):
         super().forward(*arguments, **named)
 
     def reset(self, *arguments: Any, **named: Any) -> None:
-        """Reset worlds, as in MuJoCo's ``Batch``."""
+        """Reset worlds to their initial states, as in MuJoCo's ``Batch``."""
         self._check_process()
         super().reset(*arguments, **named)
 

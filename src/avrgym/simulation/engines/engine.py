@@ -17,7 +17,7 @@ from avrgym.system.memory import available_memory_bytes
 class WorldArrays:
     """Arrays of the current state of N worlds, with MuJoCo's names. The first axis is the world.
 
-    They are NumPy arrays or tensors on a device.
+    The arrays are NumPy arrays or tensors on a device.
 
     Callers may write the first five arrays between steps. Each step overwrites all other arrays.
     """
@@ -36,7 +36,7 @@ class WorldArrays:
 
     @classmethod
     def from_batch(cls, batch: Batch) -> "WorldArrays":
-        """Returns the arrays of a batch."""
+        """Returns the current state arrays of a batch, without copies."""
         return cls(**{name: batch.bind(name) for name in WORLD_ARRAY_NAMES})
 
 

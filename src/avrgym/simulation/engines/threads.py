@@ -11,12 +11,12 @@ from avrgym.system.engines import THREADS
 
 
 class ThreadsEngine:
-    """An ``Engine`` that steps the worlds of its batch."""
+    """An ``Engine`` that steps its worlds on threads of the host."""
 
     name, device = THREADS, "cpu"
 
     def __init__(self, model: mujoco.MjModel, num_worlds: int, num_threads: int) -> None:
-        """Create the worlds. ``num_threads`` 0: one thread per core."""
+        """Create ``num_worlds`` worlds of a model. With ``num_threads`` 0, there is one thread per core."""
         check_host_memory(num_worlds, model)
         self.batch: Batch = ForkSafeBatch(model, num_worlds, num_threads, persistent=True)
         self.world_arrays = WorldArrays.from_batch(self.batch)
@@ -43,4 +43,4 @@ class ThreadsEngine:
         self.batch.forward(stage=mujoco.mjtStage.mjSTAGE_VEL)
 
     def check_overflow(self) -> None:
-        """Does nothing: memory on the host grows as needed."""
+        """Does nothing: on the host, MuJoCo's memory for contacts grows as needed."""

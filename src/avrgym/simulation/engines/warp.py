@@ -35,7 +35,7 @@ the maximum in the task Drinking.
 CONSTRAINT_ROWS_PER_CONTACT = 4
 """Number of constraint rows per contact: one for each side of the pyramid that approximates the friction cone."""
 MAX_SENSOR_CONTACTS = 96
-"""Number of contacts among which a sensor finds the strongest."""
+"""Maximum number of contacts that one contact sensor compares to find the strongest contacts."""
 HARMLESS_OVERFLOWS = ("ITERATIONS", "LS_ITERATIONS")
 """Flags in Warp's ``overflow`` that report no memory overflow: the solver reached its maximum number of iterations."""
 

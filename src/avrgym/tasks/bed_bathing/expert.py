@@ -41,7 +41,7 @@ DEPTH_GAIN_M_PER_N = 0.0003
 DEPTH_RANGE_M = (-0.015, 0.03)
 ARRIVAL_TOLERANCE_M, ARRIVAL_TOLERANCE_RAD = 0.012, 0.15
 CHARACTERISTIC_LENGTH_M = 0.1
-"""Length that converts a rotation (rad) to a distance (m)."""
+"""Length that converts a rotation error of the cloth (rad) to a distance (m)."""
 MIN_PROGRESS_M, STUCK_STEPS = 0.003, 6
 
 

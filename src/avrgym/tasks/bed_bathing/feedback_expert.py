@@ -36,7 +36,7 @@ ELBOW_BORDER_ANGLE_RAD = np.radians(22.0)
 PASS_TRANSITION_WIDTH_RAD = 0.1
 """Width of the transition between these two motions, as an angle around the arm."""
 TURN_BACK_ARM_POSITION = 2.9
-"""Position along the arm at which the cloth turns back."""
+"""Position along the arm, near the wrist, at which the cloth turns back."""
 TURN_BACK_TRANSITION_WIDTH = 0.08
 """Width of the transition at ``TURN_BACK_ARM_POSITION``, in positions along the arm."""
 LOOKAHEAD_DISTANCE = 0.3
@@ -46,7 +46,7 @@ MAX_LOOKAHEAD_ANGLE_RAD = 0.8
 APPROACH_HEIGHT_M = 0.045
 """Minimum height above the skin of a cloth that approaches the arm."""
 APPROACH_END_HEIGHT_M = 0.02
-"""Height above the skin at which the approach ends."""
+"""Height of the cloth above the skin at which the approach ends."""
 ELBOW_LIFT_HEIGHT_M = 0.03
 """Height of the cloth above the skin at the elbow."""
 MAX_ADVANCE_HEIGHT_M = 0.01
@@ -60,7 +60,7 @@ MIN_DEPTH_STEP_M, MAX_DEPTH_STEP_M = -0.002, 0.001
 NO_CONTACT_DEPTH_STEP_M = 0.006
 """Change of the target's depth in one control step without contact."""
 TARGET_HEIGHT_RANGE_M = (-0.03, 0.01)
-"""Range of the target's height above the skin."""
+"""Range of the height of the cloth's target above the skin; negative heights are below the skin."""
 
 
 def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -> ToolTarget:
@@ -100,7 +100,7 @@ def wiping_target(state: State, task_state: TaskState, planner: MotionPlanner) -
 
 
 def _gradual(offset: FloatArray) -> FloatArray:
-    """Returns a smooth step function, 0 to 1. Its value at 0 is 0.5."""
+    """Returns the values of a smooth step function, 0 to 1, at ``offset``. The value at offset 0 is 0.5."""
     return 0.5 + 0.5 * elementary.tanh(offset)
 
 

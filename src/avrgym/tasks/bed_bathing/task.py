@@ -32,7 +32,8 @@ from avrgym.tasks.task import Marks, Task, View, Views
 
 HAND_START_POS_W = np.array([-0.5, -0.1, 1.0])
 CLOTH_START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.radians(45.0))
-"""Initial rotation of the cloth. Its long side is along the arm. Its wiping face is towards the person and downwards.
+"""Initial rotation of the cloth. The long side is along the arm. The wiping face is towards the person and
+downwards.
 """
 
 INITIAL_POSE = Pose(

@@ -38,8 +38,8 @@ LOOKAHEAD_DISTANCE_M = 0.05
 MAX_CENTRED_OFFSET_M, LATERAL_GAIN = 0.03, 1.5
 """Maximum distance of the opening's centre from the arm's axis at which the opening moves over the hand.
 
-At larger distances the opening waits in front of the hand. Its distance from the hand increases by ``LATERAL_GAIN``
-times the excess.
+At larger distances the opening waits in front of the hand. The distance of the opening from the hand increases by
+``LATERAL_GAIN`` times the excess.
 """
 DRAW_SPEED_M_S, APPROACH_SPEED_M_S, MIN_SPEED_M_S = 0.12, 0.20, 0.02
 COMFORTABLE_FORCE_N, MAX_FORCE_N = 3.0, 6.0

@@ -30,7 +30,7 @@ joint.
 """
 
 ARM_POINTS = ("wrist", "elbow", "shoulder")
-"""Points of the arm that the opening passes."""
+"""Names of the points of the arm that the sleeve's opening passes, in this order."""
 
 WEIGHTS: Mapping[str, float] = {
     "distance_m": -1.0,
@@ -148,7 +148,7 @@ def is_dressed(task_state: DressingState) -> BoolArray:
 
 
 def arm_path(state: State) -> ArmPath:
-    """Returns the paths of the left arms of N people."""
+    """Returns the paths along the left arms of N people, world frame."""
     segments_w, xp = state.person_segment_w, namespace(state.person_segment_w)
     points_w = xp.stack(
         [

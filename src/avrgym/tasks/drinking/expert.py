@@ -38,7 +38,7 @@ EMPTY_CUP_TILT_RAD = np.radians(92.0)
 """Tilt of the cup from the vertical at which the cup is empty."""
 POUR_SPEED_RAD_S = 0.04
 TILTS_RAD = np.linspace(float(CARRY_TILT_RAD), float(EMPTY_CUP_TILT_RAD), 5)
-"""Tilts at which an approach is checked."""
+"""Tilts of the cup at which the clearance of an approach is checked."""
 
 FORWARD, UP = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
@@ -59,7 +59,7 @@ class DrinkingExpert:
     """Selects an approach of the cup for each person, and executes it."""
 
     def __init__(self, episodes: RunningEpisodes, cup: CupShape = DEFAULT_CUP_SHAPE) -> None:
-        """Plan the approaches to the current people."""
+        """Plan the approach of the cup to each current person."""
         self._cup = cup
         self._episodes = episodes
         self._planner = MotionPlanner(episodes)

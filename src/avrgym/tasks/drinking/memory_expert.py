@@ -6,7 +6,7 @@
   larger tilt. Up to this tilt the cup tilts quickly. Short times at rest are therefore enough for pouring.
 - While the person looks away, the cup waits at the expected return position of the face. The cup does not wait if the
   face has had this direction since the start.
-- The cup stays on its side of the head. It rotates about its axis and pours over the part of the rim at the lips.
+- The cup stays on its side of the head. The cup rotates about its axis, and pours over the part of the rim at the lips.
 - The cup always approaches slightly rotated. The hand is then lower, where the arm reaches farther.
 """
 
@@ -35,15 +35,15 @@ from avrgym.tasks.particles import count_events
 from avrgym.tasks.task import RunningEpisodes
 
 MIN_SPEED_M_S = 0.02
-"""Minimum speed of a cup that approaches the lips."""
+"""Minimum speed of a cup that approaches the person's lips."""
 MIN_RETREAT_SPEED_M_S = 0.10
 """Minimum speed of a cup that moves away from the lips."""
 POUR_START_DISTANCE_M = 0.03
-"""Distance to the lips below which pouring starts."""
+"""Distance between cup and lips below which pouring starts."""
 POUR_STOP_DISTANCE_M = 0.05
-"""Distance to the lips above which pouring stops."""
+"""Distance between cup and lips above which pouring stops."""
 MAX_RESTING_MOUTH_SPEED_M_S = 0.05
-"""Speed below which a mouth is at rest."""
+"""Maximum speed of a mouth that is treated as at rest."""
 POUR_TILT_RAD = np.radians(89.5)
 """Tilt at which the last water reaches the rim, in simulation at a tilt rate of 0.1 rad/s."""
 TILT_PER_PARTICLE_RAD = np.radians(0.145)
@@ -55,11 +55,11 @@ TILT_GAIN_PER_S = 3.0
 POUR_SPEED_RAD_S = 0.03
 """Angular speed of the cup's tilt while it pours."""
 LOOK_AWAY_ANGLE_RAD = np.radians(25.0)
-"""Angle of a face above which the person looks away."""
+"""Yaw of the face relative to the direction to the cup above which the person looks away."""
 FAR_LOOK_AWAY_ANGLE_RAD = np.radians(33.0)
-"""Angle of a face at which the person looks far away."""
+"""Yaw of the face relative to the direction to the cup at which the person looks far away."""
 EXPECTED_RETURN_ANGLE_RAD = np.radians(8.0)
-"""Expected angle of the face after the person has looked far away.
+"""Expected yaw of the face when the person returns after looking far away.
 
 If the largest angle was smaller, the expected angle is larger. Both are equal at ``LOOK_AWAY_ANGLE_RAD``.
 """
@@ -210,8 +210,8 @@ def _turned(state: State, angle_rad: FloatArray) -> State:
 def _aside_m(state: State, left: FloatArray, tool_w: FloatArray, at_lips_w: FloatArray) -> FloatArray:
     """Returns the lateral offset (N,) from the lips, in metres, at which cups stay on their side of the head.
 
-    If the required offset exceeds ``MAX_LIP_OFFSET_M``, the returned offset decreases. It is zero if the required
-    offset is 1.5 times this value.
+    If the required offset exceeds ``MAX_LIP_OFFSET_M``, the returned offset decreases. The returned offset is zero if
+    the required offset is 1.5 × ``MAX_LIP_OFFSET_M``.
     """
     tool_m, lips_m = (((pos_w - state.head_pos_w) * left).sum(axis=-1) for pos_w in (tool_w, at_lips_w))
     side = np.where(tool_m > 0.0, 1.0, -1.0)

@@ -12,7 +12,7 @@ from avrgym.tasks.task import Controller, Expert, RunningEpisodes, TaskState
 
 FILTERED_POSITION_FIELDS = ("head_pos_w", "mouth_pos_w", "person_segment_w", "right_arm_pos_w")
 FILTERED_ROTATION_FIELDS = ("head_q_w", "right_arm_q_w")
-"""Fields of the state that contain the person's pose."""
+"""Fields of the state with rotations of the person's body parts, which are filtered."""
 
 
 def filter_tremor(expert: Expert) -> Expert:

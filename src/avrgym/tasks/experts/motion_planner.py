@@ -219,7 +219,7 @@ class MotionPlanner:
         return np.where(inside, turned, joint_positions)
 
     def _update(self) -> None:
-        """Continue from the current servo targets."""
+        """Continue the plan from the current servo targets."""
         self._continue_from(self._simulation.joint_targets())
 
     def _continue_from(self, of_arm: FloatArray) -> None:

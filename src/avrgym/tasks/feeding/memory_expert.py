@@ -15,7 +15,7 @@ from avrgym.tasks.feeding.feedback_expert import feeding_target
 from avrgym.tasks.task import RunningEpisodes, TaskState
 
 MAX_RESTING_MOUTH_SPEED_M_S = 0.04
-"""Speed below which a mouth is at rest."""
+"""Maximum speed of a mouth that is treated as at rest."""
 MAX_STANDOFF_M = 0.06
 """Standoff of the spoon from a mouth that moves at twice ``MAX_RESTING_MOUTH_SPEED_M_S`` or more. It is smaller at
 lower speeds.

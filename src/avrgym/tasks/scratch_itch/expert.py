@@ -35,7 +35,7 @@ MIN_DETOUR_COST_S = 20.0
 """Threshold of a plan's cost in seconds. Above it, the tool first moves to a point in front of the wrist and above it.
 """
 NUM_DETOUR_STEPS = 50
-"""Number of control steps of the detour. Then the expert plans again."""
+"""Number of control steps of the detour. Afterwards, the expert plans again."""
 DETOUR_OFFSET_M = (0.0, -0.15, 0.10)
 DOWNWARD_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(0.5 * np.pi))
 ROD_DIRECTION = (1.0, 0.0, 0.0)

@@ -18,9 +18,9 @@ from avrgym.tasks.scratch_itch.reward import ScratchItchState, itch_limb_frame, 
 BlendRange = tuple[float, float]
 
 MAX_HAND_ANGLE_RAD = 1.2
-"""Maximum angle between the hand's direction and the skin normal."""
+"""Maximum angle between the preferred direction of the robot's hand and the skin normal."""
 MAX_ROD_ANGLE_RAD = 0.4
-"""Maximum angle between the rod and the hand's direction."""
+"""Maximum angle between the scratcher's rod and the hand's direction."""
 CLEARANCE_FORWARD, CLEARANCE_UP = -0.2, 0.2
 """Direction in which the hand has clearance: its components forward and up.
 
@@ -31,7 +31,7 @@ SKIN_NORMAL_WEIGHT = 0.5
 SIDE_CHANGE_NORMAL_Z = -0.35
 """Vertical component of the skin normal at which the robot's hand changes from above to below the arm."""
 SIDE_CHANGE_TRANSITION_WIDTH = 0.17
-"""Width of this transition, in units of the vertical component."""
+"""Width of the transition at ``SIDE_CHANGE_NORMAL_Z``, in units of the vertical component."""
 FRONT_DIRECTION_W = transforms.normalize(np.array([0.0, -0.7, 0.6]))
 """Direction with clearance for a hand in front of the person; world frame."""
 FRONT_MAX_HAND_ANGLE_RAD = 1.0
@@ -52,13 +52,13 @@ REMAINING_ROTATION_RANGE_RAD = (0.2, 0.6)
 Below the range the hand approaches the itch. Above the range it waits in front of the wrist.
 """
 BLEND_WEIGHT_RANGE = (0.0, 1.0)
-"""Range of the weight for blending two approaches."""
+"""Minimum and maximum of the weight of an approach when two approaches are blended."""
 MAX_LATERAL_OFFSET_M = 0.02
 """Maximum lateral offset from the itch at which the tip moves to the skin."""
 MAX_LOOKAHEAD_ANGLE_RAD = 0.8
 """Largest angle around the limb between the tip and its target."""
 RUB_SPEED_M_S = 0.06
-"""Speed of the tip on the skin."""
+"""Speed of the scratcher's tip on the skin."""
 FORCE_CONTROL = expert.ForceControl(
     target_force_n=2.5, gain_m_per_n=0.0008, min_depth_step_m=-0.006, max_depth_step_m=0.001
 )

@@ -47,9 +47,9 @@ SWING_BY_ROBOT = {
 PR2, the mean of the planned detours.
 """
 FRONT_SHARE_THRESHOLD = 0.5
-"""The arm first swings if ``front_approach_share`` exceeds this value."""
+"""Value of ``front_approach_share`` above which the arm first swings to the front of the person."""
 SWING_COMPLETE_SHARE = 0.85
-"""Share of the swing after which the swing is complete."""
+"""Completed share of the swing at which the swing ends."""
 
 
 def make_memory_expert(episodes: RunningEpisodes) -> Controller:
@@ -61,7 +61,7 @@ def make_memory_expert(episodes: RunningEpisodes) -> Controller:
 
 
 class SwingToFrontExpert:
-    """Swings the arm to the front of the person if needed. Then acts like the feedback expert."""
+    """Swings the arm to the front of the person if necessary. Afterwards, acts like the feedback expert."""
 
     def __init__(self, episodes: RunningEpisodes, swing: SwingMotion) -> None:
         """Start with the current poses of the robots and the people."""

@@ -37,7 +37,7 @@ from avrgym.tasks.task import Marks, Task, View, Views
 HAND_START_POS_W, MOBILE_HAND_START_POS_W = (-0.5, 0.0, 0.8), (-0.55, 0.0, 0.8)
 MAX_START_HAND_OFFSET_M = 0.05
 SCRATCHER_START_Q_W = transforms.from_axis_angle([0.0, 1.0, 0.0], np.asarray(-0.25 * np.pi))
-"""Initial rotation of the scratcher. It points 45° upwards to the person's shoulder, past the elbow."""
+"""Initial rotation of the scratcher. The rod points 45° upwards to the person's shoulder, past the elbow."""
 
 INITIAL_POSE = Pose(
     rest_rad=human.seated_joint_angles(right_shoulder_y=30.0),

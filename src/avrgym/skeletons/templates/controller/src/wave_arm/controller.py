@@ -6,9 +6,9 @@ from avrgym.array_types import FloatArray
 from avrgym.tasks.registry import observation_and_action_size
 
 PHASE_STEP_RAD = 0.2
-"""Phase step of the wave in a control step."""
+"""Phase increase of the sine wave in one control step, in radians."""
 NOISE_STD = 0.05
-"""Standard deviation of the action noise."""
+"""Standard deviation of the noise that is added to actions."""
 
 
 class WaveArm:
