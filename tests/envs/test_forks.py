@@ -78,7 +78,7 @@ def test_worlds_with_threads_are_refused_in_words() -> None:
     assert len(said) == 4
     assert len(set(said)) == 1
     assert "before the process forked" in said[0]
-    assert "make the environment here" in said[0]
+    assert "create the environment in this process" in said[0]
     assert "spawn" in said[0]
 
 

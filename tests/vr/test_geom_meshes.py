@@ -8,12 +8,15 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
+from avrgym.array_types import FloatArray
 from avrgym.models.collision_bits import VISUAL_GROUP
 from avrgym.vr.scene.geom_meshes import MAX_DETAILED_TRIANGLES, geom_mesh, pose_matrix
 from helpers.robots.example_robots import ALL_ROBOTS, robot_model
 
 LEAST_AREA, MOST_AREA = 0.97, 1.03
-MOST_OFF_M = 0.003
+OFF_M, MOST_OFF_M = 0.003, 0.007
+"""Of nearly all points, and of ribs in openings of a housing."""
+NEARLY_ALL = 0.995
 TURNED_DEG = 60.0
 """How far a vertex's normal may be from that of a triangle around it."""
 SAMPLES, PERSON_LOCATIONS, NEAREST = 2000, 60_000, 24
@@ -40,7 +43,7 @@ def as_stored(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
     return stored.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
 
 
-def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
+def distances_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> FloatArray:
     """How far points of one surface are from the other."""
     points, *_ = trimesh.sample.sample_surface(one, SAMPLES, seed=0)
     places, of_face, *_ = trimesh.sample.sample_surface(other, PERSON_LOCATIONS, seed=1)
@@ -53,7 +56,7 @@ def farthest_m(one: trimesh.Trimesh, other: trimesh.Trimesh) -> float:
         )
         for each in near.T
     ]
-    return float(np.min(away, axis=0).max())
+    return np.min(away, axis=0)
 
 
 @pytest.mark.slow
@@ -62,9 +65,11 @@ def test_a_simplified_mesh_keeps_its_surface(name: str) -> None:
     """Also where a file stores each triangle by itself."""
     simplified = [each for each in robot_meshes(name) if len(each[1].faces) > MAX_DETAILED_TRIANGLES]
     off = {
-        mesh: max(farthest_m(stored, shown), farthest_m(shown, stored)) for mesh, stored, shown in simplified
+        mesh: np.concatenate([distances_m(stored, shown), distances_m(shown, stored)])
+        for mesh, stored, shown in simplified
     }
-    assert {mesh: away for mesh, away in off.items() if away > MOST_OFF_M} == {}
+    assert {mesh: away.max() for mesh, away in off.items() if away.max() > MOST_OFF_M} == {}
+    assert [mesh for mesh, away in off.items() if np.quantile(away, NEARLY_ALL) > OFF_M] == []
 
 
 @pytest.mark.fast_cases(2)

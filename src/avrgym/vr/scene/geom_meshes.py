@@ -10,18 +10,23 @@ import mujoco
 import numpy as np
 import trimesh
 
-from avrgym.array_types import FloatArray
+from avrgym.array_types import BoolArray, FloatArray, IntArray
 from avrgym.geometry.transforms import to_matrix
+from avrgym.models.collision_bits import VISUAL_GROUP
 
 MAX_DETAILED_TRIANGLES = 2000
-"""Meshes with more triangles are simplified to this number, plus a sixth of the number above it."""
+"""Meshes with more triangles are simplified to this number, plus a ratio of the number above it."""
+MAX_SMALL_PART_TRIANGLES = 100
+MAX_SHOWN_RATIO = 1 / 6
+MAX_MODEL_TRIANGLES = 66_000
+"""The ratio is lower in models whose meshes would have more triangles together."""
 SIMPLIFICATION_AGGRESSION = 3
 """Aggression of the simplification, 0 to 10. The default of 7 removes small parts."""
 WELD_DECIMALS = 5
 """Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
 """Edges between faces at a smaller angle are shaded smoothly."""
-_simplified_meshes: dict[bytes, trimesh.Trimesh] = {}
+_simplified_meshes: dict[tuple[bytes, float], trimesh.Trimesh] = {}
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
@@ -68,24 +73,48 @@ def _asset_mesh(model: mujoco.MjModel, mesh: int) -> trimesh.Trimesh:
     """Returns the simplified mesh of a mesh asset; cached."""
     vertices = slice(model.mesh_vertadr[mesh], model.mesh_vertadr[mesh] + model.mesh_vertnum[mesh])
     faces = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
-    key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes()
+    ratio = _shown_ratio(model)
+    key = model.mesh_vert[vertices].tobytes() + model.mesh_face[faces].tobytes(), ratio
     if key not in _simplified_meshes:
         full = trimesh.Trimesh(model.mesh_vert[vertices], model.mesh_face[faces], process=False)
-        _simplified_meshes[key] = _simplified(full)
+        _simplified_meshes[key] = _simplified(full, ratio)
     return _simplified_meshes[key]
 
 
-def _simplified(full: trimesh.Trimesh) -> trimesh.Trimesh:
-    """Returns the mesh with fewer triangles, smooth normals and sharp edges."""
+def _shown_ratio(model: mujoco.MjModel) -> float:
+    """Returns the ratio of triangles above ``MAX_DETAILED_TRIANGLES`` that a simplified mesh of the model has."""
+    shown = (model.geom_type == mujoco.mjtGeom.mjGEOM_MESH) & (model.geom_group == VISUAL_GROUP)
+    counts = model.mesh_facenum[model.geom_dataid[shown]]
+    extra = np.maximum(counts - MAX_DETAILED_TRIANGLES, 0).sum()
+    allowed = MAX_MODEL_TRIANGLES - np.minimum(counts, MAX_DETAILED_TRIANGLES).sum()
+    return float(np.clip(allowed / max(extra, 1), 0.0, MAX_SHOWN_RATIO))
+
+
+def _simplified(full: trimesh.Trimesh, ratio: float) -> trimesh.Trimesh:
+    """Returns the mesh with fewer triangles, smooth normals and sharp edges; ``ratio`` as in ``_shown_ratio``."""
     full.merge_vertices(merge_tex=True, merge_norm=True, digits_vertex=WELD_DECIMALS)
     full.update_faces(full.nondegenerate_faces())
-    count = len(full.faces)
-    if count > MAX_DETAILED_TRIANGLES:
-        full = full.simplify_quadric_decimation(
-            face_count=MAX_DETAILED_TRIANGLES + (count - MAX_DETAILED_TRIANGLES) // 6,
-            aggression=SIMPLIFICATION_AGGRESSION,
-        )
+    extra = len(full.faces) - MAX_DETAILED_TRIANGLES
+    if extra > 0:
+        full = _decimated(full, MAX_DETAILED_TRIANGLES + int(ratio * extra))
     return cast(trimesh.Trimesh, trimesh.graph.smooth_shade(full, angle=SMOOTHING_ANGLE_RAD))
+
+
+def _decimated(full: trimesh.Trimesh, face_count: int) -> trimesh.Trimesh:
+    """Returns the mesh with ``face_count`` triangles. Small connected parts are unchanged: decimation removes them."""
+    labels = cast(IntArray, trimesh.graph.connected_component_labels(full.face_adjacency, len(full.faces)))
+    is_small = np.bincount(labels)[labels] <= MAX_SMALL_PART_TRIANGLES
+    if not 0 < is_small.sum() < face_count / 2:
+        return full.simplify_quadric_decimation(face_count=face_count, aggression=SIMPLIFICATION_AGGRESSION)
+    large, small = (_faces(full, each) for each in (~is_small, is_small))
+    decimated = large.simplify_quadric_decimation(
+        face_count=face_count - len(small.faces), aggression=SIMPLIFICATION_AGGRESSION
+    )
+    return cast(trimesh.Trimesh, trimesh.util.concatenate([decimated, small]))
+
+
+def _faces(mesh: trimesh.Trimesh, mask: BoolArray) -> trimesh.Trimesh:
+    return cast(trimesh.Trimesh, mesh.submesh([np.flatnonzero(mask)], append=True))
 
 
 def _flat(mesh: trimesh.Trimesh) -> trimesh.Trimesh:
