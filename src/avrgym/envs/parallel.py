@@ -50,11 +50,11 @@ class AssistiveParallelEnv(Renderer, ParallelEnv[str, FloatArray, Action]):
         max_episode_steps: int = EPISODE_STEPS,
         **settings: Any,
     ) -> None:
-        """Create one world. ``Episodes`` documents people, person, impairment and force guard.
+        """Create one world. People, person, impairment and force guard are arguments of ``Episodes``.
 
-        ``Settings`` documents the other keyword arguments. The human's actions replace the movements of the population.
-        ``person`` may be a mapping with the fields of ``Person``. Without ``shared_reward``, the human's reward
-        contains the penalty for the human's action, not the penalty for the robot's action.
+        The other keyword arguments are fields of ``Settings``. The human's actions replace the movements of the
+        population. ``person`` may be a mapping with the fields of ``Person``. Without ``shared_reward``, the human's
+        reward contains the penalty for the human's action, not the penalty for the robot's action.
 
         Raises:
             ValueError: for an unknown name. The message lists the allowed names.

@@ -82,11 +82,11 @@ class AssistiveEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[CameraDescription] = (),
         **settings: Any,
     ) -> None:
-        """Create one world. ``Episodes`` documents people, person, impairment, withdrawal and force guard.
+        """Create one world. People, person, impairment, withdrawal and force guard are arguments of ``Episodes``.
 
-        ``Settings`` documents the other keyword arguments. ``person`` may be a mapping with the fields of ``Person``.
-        Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``), observations are
-        dictionaries.
+        The other keyword arguments are fields of ``Settings``. ``person`` may be a mapping with the fields of
+        ``Person``. Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``),
+        observations are dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.

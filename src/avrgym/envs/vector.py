@@ -68,11 +68,13 @@ class AssistiveVectorEnv(  # pyright: ignore[reportIncompatibleVariableOverride]
         cameras: Sequence[CameraDescription] = (),
         **settings: Any,
     ) -> None:
-        """Create N worlds. ``Episodes`` documents people, person, impairment, threads, engine, withdrawal, force guard.
+        """Create N worlds.
 
-        ``Settings`` documents the other keyword arguments. ``person`` may be a mapping with the fields of ``Person``.
-        Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``), observations are
-        dictionaries.
+        People, person, impairment, threads, engine, withdrawal and force guard are arguments of ``Episodes``.
+
+        The other keyword arguments are fields of ``Settings``. ``person`` may be a mapping with the fields of
+        ``Person``. Episodes with ``max_episode_steps`` −1 never end. With ``cameras`` (names or ``CameraSpec``),
+        observations are dictionaries.
 
         Raises:
             ValueError: for an unknown name or a number out of range. The message contains the allowed values.

@@ -123,8 +123,9 @@ def evaluate(
     settings: Settings = DEFAULT_SETTINGS,
     steps: int = EPISODE_STEPS,
 ) -> Evaluation:
-    """Evaluates a policy in one environment, in this process. Returns the results. ``evaluate_all`` documents the
-    arguments."""
+    """Evaluates a policy in one environment, in this process. Returns the results. The arguments are those of
+    ``evaluate_all``.
+    """
     (row,) = evaluate_all(
         [environment_id],
         policy,

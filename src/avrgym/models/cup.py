@@ -52,7 +52,7 @@ CUP_SHAPES: Mapping[str, CupShape] = {
     "glass": CupShape(0.040, 0.034, 0.135),
     "mug": CupShape(0.043, 0.038, 0.095),
 }
-"""Shapes of cups by name. ``cup`` is the cup of the 2020 reference with a narrower foot, for the robots' hands."""
+"""Shapes of cups by name. ``cup`` is the cup of the paper's code with a narrower foot, for the robots' hands."""
 DEFAULT_CUP_SHAPE = CUP_SHAPES["cup"]
 
 
@@ -87,7 +87,7 @@ WATER = Particles(
     rgb=(0.35, 0.62, 0.86),
     fluid=True,
 )
-"""Water in the default cup: 64 spheres of radius 5 mm and 1 g (paper, section IV; reference)."""
+"""Water in the default cup: 64 spheres of radius 5 mm and 1 g (paper, section IV, and its code)."""
 
 
 @lru_cache

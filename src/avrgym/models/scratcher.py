@@ -9,7 +9,7 @@ from avrgym.models.shapes import CrossSection, loft
 from avrgym.models.tools import Tool
 
 FINGERTIPS_TO_TIP_DISTANCE_M = 0.05
-"""Distance from the fingertips to the tip of the scratcher (reference)."""
+"""Distance from the fingertips to the tip of the scratcher (paper's code)."""
 ROD_RADIUS_M, ROD_LENGTH_M = 0.005, 0.12
 FINGERTIPS_TO_GRIP_DISTANCE_M = 0.039
 """Distance from the end of the fingertips back to the contact point of fingers and rod."""

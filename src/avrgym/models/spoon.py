@@ -85,7 +85,7 @@ def _places(floor: tuple[float, ...]) -> FloatArray:
 FOOD = Particles(
     name="food", initial_pos=_places(_FLOOR), radius_m=0.005, mass_kg=0.001, rgb=(0.86, 0.45, 0.16)
 )
-"""Food on the default spoon: eight spheres of radius 5 mm and 1 g (paper, section IV; reference)."""
+"""Food on the default spoon: eight spheres of radius 5 mm and 1 g (paper, section IV, and its code)."""
 
 
 def _build_spoon(

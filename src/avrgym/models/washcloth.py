@@ -13,7 +13,7 @@ from avrgym.models.tools import Tool
 
 PAD_HALF_SIZE_M = np.array([0.010, 0.050, 0.025])
 """Half the size of the pad (2 × 10 × 5 cm), along x, y and z of the tool's frame. Length and width are those of the
-reference; the thickness is an assumption.
+paper's code; the thickness is an assumption.
 """
 PAD_CENTRE_M = np.array([-PAD_HALF_SIZE_M[0], 0.0, 0.0])
 """Centre of the pad in the tool's frame. The frame's origin is the middle of the wiping face, and its x axis is the

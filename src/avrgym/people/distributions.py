@@ -104,7 +104,7 @@ They include single styles of the zoo, such as ``zoo/train/startled``, and versi
 """
 
 MIN_ARM_CLEARANCE_M = 0.01
-"""Minimum distance of a sampled arm from the body and the furniture (2020 reference)."""
+"""Minimum distance of a sampled arm from the body and the furniture (paper's code)."""
 
 ARMREST_HALF_GAP_M, ARMREST_ABDUCTION_RAD = 0.248, float(np.radians(30.0))
 """Half the distance between the padded armrests of the wheelchair.

@@ -74,7 +74,7 @@ def step_partners(
 
 
 def _tremor_direction(time_s: FloatArray) -> FloatArray:
-    """Returns the sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (2020 reference)."""
+    """Returns the sign (N, 1) of the tremor. It alternates between −1 and 1 from step to step (paper's code)."""
     odd = namespace(time_s).round(time_s / CONTROL_STEP_S) % 2
     return (2.0 * odd - 1.0)[:, None]
 

@@ -44,7 +44,7 @@ class BehaviourModel:
         """Create the behaviour model in the initial state of ``people``.
 
         Args:
-            distribution: describes how people behave.
+            distribution: distribution of the people, which determines how they behave.
             people: their body parameters.
             offered: body part that people bring to the tool.
             posture: posture of the people, seated or reclined.
@@ -128,7 +128,7 @@ class BehaviourModel:
         limit: JointLimiter,
         world_mask: BoolArray | None = None,
     ) -> None:
-        """Chooses the goal joint angles of people for the next 0.1 s. ``step`` documents the arguments."""
+        """Chooses the goal joint angles of people for the next 0.1 s. The arguments are those of ``step``."""
         state: BehaviourState = replace(self._state, joint_targets_rad=self._motor.angles_rad)
         goals, startled = self._motor.goal_rad, None
         if isinstance(state, PartnerState):

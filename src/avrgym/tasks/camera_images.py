@@ -55,7 +55,7 @@ class CameraImages:
     """
 
     def __init__(self, episodes: "Episodes", cameras: Sequence[CameraSpec]) -> None:
-        """Store the worlds and the cameras. ``models.cameras.parse_cameras`` returns such cameras."""
+        """Store the worlds and their cameras, a result of ``models.cameras.parse_cameras``."""
         self._context: Any = None
         self.cameras = tuple(cameras)
         self._episodes = episodes

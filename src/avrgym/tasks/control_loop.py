@@ -22,13 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class StepOutcome:
-    """The result of one control step in N worlds. The first axis is the world. ``StepResult`` documents ``events``.
+    """The result of one control step in N worlds. The first axis is the world.
 
     Arrays are NumPy arrays in double precision. On a device they are tensors in single precision.
 
-    ``executed_action`` (N, A) is the action at the end of the step. ``overridden`` (N,) is the mask of worlds in which
-    a layer (force guard, withdrawal or pacing) replaced the commanded action. ``guard_interventions`` (N,) is the
-    number of interventions of the guard in the episode. Both are ``None`` without such a layer.
+    ``events`` (N,) is the number of events, such as bites, in the step. ``executed_action`` (N, A) is the action at the
+    end of the step. ``overridden`` (N,) is the mask of worlds in which a layer (force guard, withdrawal or pacing)
+    replaced the commanded action. ``guard_interventions`` (N,) is the number of interventions of the guard in the
+    episode. Both are ``None`` without such a layer.
     """
 
     observation: FloatArray

@@ -20,10 +20,10 @@ ARM_SPREAD_RAD = np.where(distributions.RIGHT_ARM_JOINT_MASK, np.radians(10.0), 
 RIGHT_ARM_LIMBS = RIGHT_ARM_BODIES[:2]
 """The limbs in itch scratching and bed bathing: right upper arm and forearm."""
 COMFORT_FORCE_LIMIT_N = 10.0
-"""Limit of a comfortable contact force at the target (paper, section V; reference)."""
+"""Limit of a comfortable contact force at the target (paper, section V, and its code)."""
 SKIN_MARGIN_M = 0.008
 LATERAL_AXES = np.array([1.0, 1.0, 0.0])
-"""Factors (3,) that remove a vector's component along the limb, in the limb's frame."""
+"""Factors (3,) for vectors in a limb's frame that remove the component along the limb."""
 
 
 def force_above_limit(force_n: FloatArray) -> FloatArray:

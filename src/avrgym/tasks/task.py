@@ -92,10 +92,10 @@ Expert = Callable[[RunningEpisodes], Controller]
 
 
 class View(NamedTuple):
-    """A camera view.
+    """Pose of a camera that views the scene.
 
-    ``look_at_w`` (3,) is the camera's target point in the world frame. ``distance_m`` is the distance of the camera
-    from it. The angles are those of MuJoCo's free camera.
+    ``look_at_w`` (3,) is the point in the centre of the image, world frame. ``distance_m`` is the distance of the
+    camera from this point. The angles are those of MuJoCo's free camera.
     """
 
     look_at_w: tuple[float, float, float]

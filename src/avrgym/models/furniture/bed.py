@@ -1,7 +1,7 @@
 """The hospital bed with raised backrest, and the nightstand; in the world frame.
 
 The person lies on their back, with the hips at (0, 0, 0.7) and the legs towards −y. Mattress 880 × 2000 × 150 mm, its
-top at 0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (reference).
+top at 0.55 m (makers' tables of adult hospital beds); backrest 60° above the horizontal (paper's code).
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,7 @@
 """Anthropometry: lengths, radii and masses of a man and a woman, and their scaling.
 
-The values are those of the 50th percentile man and woman in the 2020 reference (after Tilley, *The Measure of Man and
-Woman*, 2002).
+The values are those of the 50th percentile man and woman in the code of the paper (after Tilley, *The Measure of Man
+and Woman*, 2002).
 """
 
 from collections.abc import Mapping

@@ -22,11 +22,11 @@ rod, −z of the grip and −y of the hand point to the thumb. Axis y of the gri
 knuckles to the wrist.
 """
 HEADSET_OFFSET_M = 0.08
-"""Distance of the headset's origin in front of the head's centre (2020 reference)."""
+"""Distance of the headset's origin in front of the head's centre in metres (paper's code)."""
 
 
 MOUTH_HEIGHT_M = 0.03
-"""Height of the mouth above the head joints, metres; not scaled (2020 reference)."""
+"""Height of the mouth above the head joints, metres; not scaled (paper's code)."""
 
 CRANIUM_RADIUS_M, JAW_RADIUS_M, JAW_HEIGHT_M, JAW_BEHIND_MOUTH_M = 0.090, 0.062, 0.025, 0.028
 """Sizes of the head's collision spheres, in metres. The front of the jaw is 2.8 cm behind the mouth, which leaves space
@@ -94,7 +94,7 @@ class Posture:
 
 SEATED = Posture(hips_pos_w=None, hips_deg=0.0, thigh_deg=-90.0, shin_deg=80.0)
 RECLINED = Posture(hips_pos_w=(0.0, 0.0, 0.7), hips_deg=-30.0, thigh_deg=-60.0, shin_deg=0.0, shoes=False)
-"""Posture in a bed with the backrest raised by 60° (reference). ``SEATED`` is the posture in a wheelchair."""
+"""Posture in a bed with the backrest raised by 60° (paper's code). ``SEATED`` is the posture in a wheelchair."""
 
 
 @dataclass(frozen=True, eq=False)

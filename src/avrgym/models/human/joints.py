@@ -14,7 +14,7 @@ X_AXIS, Y_AXIS, Z_AXIS = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 class Joint:
     """A hinge joint: body, axis in the body's frame, range in degrees and torque limit (N m).
 
-    Ranges are those of the 2020 reference, with its wider range of shoulder abduction in VR. Torques are rounded
+    Ranges are those of the paper's code, with its wider range of shoulder abduction in VR. Torques are rounded
     isometric maxima of healthy adults (Chaffin, Andersson and Martin, *Occupational Biomechanics*, 2006).
     """
 

@@ -15,7 +15,7 @@ from avrgym.robots.rtb_data import rtb_data_path
 
 MESH_FOLDER = rtb_data_path("pr2_description/meshes")
 BASE_POS_M = (-0.85, -0.4, 0.0)
-"""Position of the base next to the person, world frame. The robot faces the person's right side (reference)."""
+"""Position of the base next to the person, world frame. The robot faces the person's right side (paper's code)."""
 BASE_YAW_RANGE_RAD = (-np.radians(30.0), np.radians(30.0))
 ROBOT_ARM_JOINTS = (
     "shoulder_pan", "shoulder_lift", "upper_arm_roll", "elbow_flex", "forearm_roll", "wrist_flex", "wrist_roll",

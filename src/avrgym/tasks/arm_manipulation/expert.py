@@ -68,7 +68,7 @@ def scooper_q_w(arm: RightArmPoses, heading: FloatArray) -> FloatArray:
 
 
 def make_lifting_expert(episodes: RunningEpisodes) -> Controller:
-    """Returns the expert that lifts the forearm, with the handle direction of the robot of ``episodes``."""
+    """Returns the expert for the robot of ``episodes``. The robot determines the direction of the scooper's handle."""
     return FeedbackExpert(episodes, partial(lifting_target, heading=handle_direction_w(episodes.scene)))
 
 

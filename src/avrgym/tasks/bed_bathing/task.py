@@ -46,10 +46,10 @@ INITIAL_POSE = Pose(
     ),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Initial pose: reclined, the right arm away from the body (reference; paper, section V). The left hand is next to the
-thigh.
+"""Initial pose: reclined, the right arm away from the body (paper, section V, and its code). The left hand is next to
+the thigh.
 
-In the pose of the reference, the fingers of short people would overlap the thigh.
+In the pose of the paper's code, the fingers of short people would overlap the thigh.
 """
 
 

@@ -46,7 +46,7 @@ _AROUND = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
 
 @dataclass(frozen=True)
 class Approach:
-    """Approach of the cup for N people.
+    """Directions of the cup's approach to the mouths of N people.
 
     ``yaw_rad`` (N,) is the yaw relative to the face, ``roll_rad`` (N,) the rotation about the cup's axis.
     """

@@ -145,8 +145,8 @@ class DrinkingMemoryExpert:
 
 
 def _way(left_m: FloatArray, cup: CupShape = DEFAULT_CUP_SHAPE) -> Approach:
-    """Returns the approach of cups. ``left_m`` (N,) is the distance of the reference point to the left of the pouring
-    point.
+    """Returns the directions of the cups' approach. ``left_m`` (N,) is the distance of the reference point to the left
+    of the pouring point.
     """
     return Approach(np.zeros_like(left_m), -elementary.arcsin(left_m / cup.rim_radius_m))
 

@@ -30,7 +30,7 @@ WEIGHTS: Mapping[str, float] = {
     "water_on_person": -1.0,
     "water_entry_speed_m_s": -1.0,
 }
-"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference).
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV, and its code).
 
 The distance is from the pouring edge of the rim to the mouth. ``off_horizontal_rad`` is the angle of the cup's axis
 from the horizontal.

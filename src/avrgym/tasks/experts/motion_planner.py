@@ -23,8 +23,8 @@ CHECKED_IK_SOLUTIONS = 8
 """Number of solutions for each tool pose that are checked for collisions."""
 CHECKED_PATH_FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 COLLISION_COST_S, TILT_COST_S_RAD, COLLISION_MARGIN_M = 20.0, 20.0, 0.03
-"""Cost of a collision in seconds, and cost of tool tilt in seconds per radian. Below the distance
-``COLLISION_MARGIN_M`` the collision cost begins.
+"""Cost of a collision in seconds, and cost of tool tilt in seconds per radian. The collision cost begins at the
+distance ``COLLISION_MARGIN_M``.
 """
 MAX_POSITION_ERROR_M, MAX_ROTATION_ERROR_RAD = 0.003, 0.03
 YAW_GAIN_PER_S = 2.0

@@ -26,8 +26,8 @@ def feeding_target(
 ) -> ToolTarget:
     """Returns the next tool target: the level spoon moves into the mouth, through a funnel in front of the face.
 
-    The arm reaches this yaw best, see ``_within_reach``. The spoon stays at least ``standoff_from_mouth_m`` (N,) in
-    front of the mouth.
+    The spoon has the candidate yaw that the arm reaches best. The spoon stays at least ``standoff_from_mouth_m`` (N,)
+    in front of the mouth.
     """
     into = direction_into_face(state)
     goal_w, q_w = _within_reach(state, planner, elementary.arctan2(into[:, 1], into[:, 0]))

@@ -32,7 +32,9 @@ WEIGHTS: Mapping[str, float] = {
     "food_on_person": -1.0,
     "food_entry_speed_m_s": -1.0,
 }
-"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference)."""
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV, and its
+code).
+"""
 
 
 @dataclass(frozen=True)

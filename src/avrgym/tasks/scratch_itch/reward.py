@@ -37,7 +37,9 @@ WEIGHTS: Mapping[str, float] = {
     "force_elsewhere_n": -0.01,
     "strong_force_at_itch_n": -0.05,
 }
-"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV; reference)."""
+"""Weights of the reward terms: first of the task, then of the person's preferences (paper, section IV, and its
+code).
+"""
 
 
 @dataclass(frozen=True)

@@ -43,8 +43,8 @@ INITIAL_POSE = Pose(
     rest_rad=human.seated_joint_angles(right_shoulder_y=30.0),
     spread_rad=ARM_SPREAD_RAD,
 )
-"""Initial pose: seated, the right arm abducted by 30°, each joint of this arm within ±10° (paper, section V;
-reference).
+"""Initial pose: seated, the right arm abducted by 30°, each joint of this arm within ±10° (paper, section V, and its
+code).
 """
 
 
