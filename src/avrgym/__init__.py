@@ -3,6 +3,9 @@
 Importing the package registers the Gymnasium environments. On Linux without a screen, the import also sets
 ``MUJOCO_GL`` to a rendering library that needs no screen. An existing value is not changed. MuJoCo is imported when the
 first environment is created. MuJoCo's warnings go to the logger ``avrgym.mujoco``.
+
+In all docstrings, "the paper" is Erickson, Gu and Kemp, "Assistive VR Gym: Interactions with Real People to Improve
+Virtual Assistive Robots", RO-MAN 2020.
 """
 
 from importlib import import_module

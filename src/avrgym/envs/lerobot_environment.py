@@ -38,7 +38,7 @@ class LeRobotEnv(gym.Env[LeRobotObservation, Float32Array]):
         episode_steps: int = EPISODE_STEPS,
         **arguments: Any,
     ) -> None:
-        """Create one world. ``arguments`` are those of ``AssistiveEnv``, which raises the errors."""
+        """Create one world. The other keyword arguments, and the errors, are those of ``AssistiveEnv``."""
         self._world = AssistiveEnv(
             environment_id,
             cameras=cameras,

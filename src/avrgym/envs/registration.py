@@ -1,6 +1,6 @@
 """Registers the Gymnasium environments, each as an environment of one world and as a vector environment.
 
-Their modules are imported when the first environment is created.
+The modules of the environments are imported when the first environment is created.
 """
 
 # The types of Gymnasium's functions are known only in part.

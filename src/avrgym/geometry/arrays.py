@@ -86,7 +86,7 @@ def float_copy(array: ArrayLike) -> AnyArray:
 
 
 def row_indices(array: AnyArray) -> AnyArray:
-    """Returns the indices 0 to n − 1 of the rows of an array (n, ...), on its device."""
+    """Returns the indices 0 to n − 1 of the rows of an array (n, ...), on the device of the array."""
     return namespace(array).arange(len(array), device=array.device)
 
 

@@ -64,7 +64,7 @@ class Chain:
 
     @cached_property
     def links(self) -> tuple[tuple[list[float], list[list[float]]], ...]:
-        """The chain as J + 1 links, in frames whose z axis is the joint axis. The last link ends at the tip.
+        """The chain as J + 1 links, in frames with the joint axis as z axis. The last link ends at the tip.
 
         Each link is a fixed translation (3,) and the three columns (3, 3) of a fixed rotation matrix.
         """

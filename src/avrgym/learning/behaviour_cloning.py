@@ -59,8 +59,8 @@ def clone(
         environment: the environment's id.
         episodes: the demonstrations.
         seed: seed of initial weights and of the order of episodes.
-        report: called after each gradient step, with the number of steps and the weighted mean squared error of the
-            actions in the episodes of this step.
+        report: called after each gradient step. Arguments: the number of completed steps, and the weighted mean squared
+            error of actions in this step.
     """
     torch.set_num_threads(1)  # more threads would change the order of sums
     random = np.random.default_rng(seed)

@@ -41,7 +41,7 @@ RENAMED_KEYS = {
     "hidden": "net_arch",
     "memory": "memory_size",
 }
-"""Names of configuration keys in version 0.2, and their current names."""
+"""Maps configuration keys in files of AVR Gym 0.2 to the current keys."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,7 @@ class DatasetEpisode:
     interventions: BoolArray | None = None
 
     def features(self, observation: Observation) -> dict[str, NumpyArray]:
-        """Returns the values of the features that policies use, and of results, by their names in LeRobot."""
+        """Returns the values of all features by LeRobot's names: inputs and outputs of policies, and results."""
         states = state_features(observation, np.asarray(self.observations, np.float32))
         if self.images and ENVIRONMENT_STATE in states:
             states[UNUSED_STATE_FEATURE] = states.pop(ENVIRONMENT_STATE)
@@ -234,8 +234,8 @@ class FeatureStatistics:
     def values(self) -> dict[str, Any]:
         """Returns the statistics by their names in the format.
 
-        Each is a list with a value per component, or for images a nested list of shape (channels, 1, 1). Colours are
-        from 0 to 1.
+        Each statistic is a list with a value per component, or for images a nested list of shape (channels, 1, 1).
+        Colours are from 0 to 1.
         """
         if self._histogram is not None:
             found = _histogram_statistics(self._histogram)

@@ -71,7 +71,7 @@ class Normaliser:
         return xp.astype(xp.clip(scaled, -self.clip_obs, self.clip_obs), xp.float32)
 
     def update_observations(self, rollout: Rollout) -> None:
-        """Update mean and variance of observations with those of a rollout."""
+        """Update mean and variance of observations with the observations of a rollout."""
         observations, xp = rollout.observations, namespace(rollout.observations)
         _update(self.obs_rms, xp.astype(observations.reshape(-1, observations.shape[-1]), xp.float64))
 

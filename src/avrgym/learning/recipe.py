@@ -39,7 +39,7 @@ class Recipe(Protocol):
         ...
 
     def update(self) -> UpdateResults:
-        """Run an episode in every world, and learn from all episodes. Returns the results."""
+        """Run an episode in every world, and learn from all episodes. Returns the results of this update."""
         ...
 
     def policies(self, metadata: PolicyMetadata) -> list[Policy]:

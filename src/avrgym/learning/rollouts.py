@@ -90,12 +90,12 @@ class RolloutRequest:
 class Rollout:
     """Whole episodes of T steps in n worlds. The first axis of arrays is time, the second axis is the world.
 
-    ``observations`` (T + 1, n, O) are not normalised; the last observation is the one after the last step.
-    ``actions`` (T, n, A) are the policy's actions before clipping, or the expert's. ``rewards`` (T, n)
-    contain the request's penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None``
-    without an expert. If the worlds are on a device, these arrays are tensors. The results per episode (n,)
-    are always on the host: ``episode_return`` (the sum of the task's rewards without penalties), ``success``
-    and ``episode_force_n`` (the mean force on the person).
+    ``observations`` (T + 1, n, O) are not normalised; the last observation is the one after the last step. ``actions``
+    (T, n, A) are the policy's actions before clipping, or the expert's actions. ``rewards`` (T, n) contain the
+    request's penalties. ``joint_positions`` (T, n, J) are angles before each step; ``None`` without an expert. If the
+    worlds are on a device, these arrays are tensors. The results per episode (n,) are always on the host:
+    ``episode_return`` (the sum of the task's rewards without penalties), ``success`` and ``episode_force_n`` (the mean
+    force on the person).
     """
 
     observations: Any

@@ -149,7 +149,7 @@ def resume(
         report: called after every update.
         steps: new total number of environment steps; default: that of the configuration. The number of imitation steps
             does not change. PPO uses the learning rate and the exploration noise for this total.
-        cluster: as for ``train``.
+        cluster: a cluster that runs the episodes. The trained weights are the same.
 
     Raises:
         ValueError: if ``out`` contains no training run, or a complete one. Also if another process uses ``out``, or if

@@ -15,7 +15,9 @@ from avrgym.networks.vision import VisionNetwork
 CONVOLUTION_CHANNELS, KERNEL_SIZES, CONVOLUTION_STRIDES = (16, 32, 32), (5, 3, 3), (3, 2, 2)
 """Number of output channels, kernel size and stride of each convolution."""
 IMAGE_LAYER_UNITS, COMBINED_LAYER_UNITS = 64, 96
-"""Units of the first dense layer, with image features as inputs, and of the second, also with the measured entries."""
+"""Number of units of the first and the second dense layer. The first layer receives the image features. The second
+layer also receives the measured entries.
+"""
 
 
 class TrainableVisionNetwork(nn.Module):

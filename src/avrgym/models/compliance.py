@@ -1,8 +1,8 @@
 """Compliance of contacts with the person, and torque limits. Both together bound the contact forces.
 
-Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a small torque can apply
-thousands of newtons to a rigid obstacle. The stiffness of MuJoCo's contacts increases with the mass of the bodies. A
-compliant body of the person therefore bounds the force at each contact point:
+Torque limits alone do not bound contact forces. Near a joint's axis or along a stretched arm, a small torque can cause
+a force of thousands of newtons. The stiffness of MuJoCo's contacts increases with the mass of the bodies. A compliant
+body of the person therefore bounds the force at each contact point:
 
 - At rest the person is a softening spring. Its stiffness at first touch is 25 N/mm. The force is 21 N at 1 mm, 50 N at
   4 mm, 68 N at 1 cm, and ``MAX_CONTACT_FORCE_N`` at ``MAX_CONTACT_DEPTH_M``. For comparison, ISO/TS 15066 has springs

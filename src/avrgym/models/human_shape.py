@@ -178,7 +178,9 @@ def _stretched(drawn: SkinMesh, vertices: FloatArray, person: Person) -> SkinMes
 
 
 def _without_arms(shape: SkinMesh, person: Person) -> SkinMesh:
-    """Returns a mesh in which absent arms end at the shoulder: their vertices are there, bound to the torso."""
+    """Returns a mesh in which absent arms end at the shoulder. Their vertices are moved to the shoulder and bound to
+    the torso.
+    """
     joints_w, _ = bind_frames(
         person.sex, person.torso_height_m, person.arm_scale, person.stature_m, person.bmi_kg_m2
     )

@@ -424,9 +424,10 @@ def arm_with_servo_gains(
         joints: names of the J joints, from base to hand.
         end_effector: body that holds tools.
         seed_pose: start pose of the inverse kinematics (J,).
-        speed_limit: (J,) or one value; limited to ``MAX_JOINT_SPEED_RAD_S`` and ``MAX_SLIDE_SPEED_M_S``.
-        effort_limit: (J,) or one value.
-        finger_prefix: see ``Arm``.
+        speed_limit: speed limits (J,) or one value, rad/s or m/s. Larger values are reduced to
+            ``MAX_JOINT_SPEED_RAD_S`` and ``MAX_SLIDE_SPEED_M_S``.
+        effort_limit: limits of torque or force (J,) or one value, N·m or N.
+        finger_prefix: prefix of the names of the hand's joints.
 
     Raises:
         ValueError: for a joint that is not in the model, or arrays of a wrong length.

@@ -21,7 +21,7 @@ from avrgym.models.tools import Tool, add_particles
 PHYSICS_STEP_S = 0.01
 """Duration of a physics step in seconds."""
 CONTROL_STEP_S = 0.1
-"""Default duration of a control step. Simulated people choose their actions with the same period."""
+"""Default duration of a control step in seconds. Simulated people choose their actions with the same period."""
 DEFAULT_SUBSTEPS = round(CONTROL_STEP_S / PHYSICS_STEP_S)
 """Number of physics steps in a default control step."""
 FLUID_SOLVER_TOLERANCE = 1e-3

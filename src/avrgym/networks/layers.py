@@ -21,10 +21,10 @@ class GatedRecurrentUnit:
     The columns of the weights are reset gates, update gates and candidates. Arrays are stored as read-only float64.
 
     Args:
-        input_weight: (inputs, 3 U).
-        input_bias: (3 U,).
-        hidden_weight: (U, 3 U).
-        hidden_bias: (3 U,).
+        input_weight: weights of the inputs (inputs, 3 U).
+        input_bias: biases of the inputs (3 U,).
+        hidden_weight: weights of the previous hidden state (U, 3 U).
+        hidden_bias: biases of the previous hidden state (3 U,).
     """
 
     input_weight: FloatArray

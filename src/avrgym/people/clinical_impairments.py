@@ -40,7 +40,7 @@ speed of the stretch.
 SPASTIC_MOBILITY_RANGE = (1.0, 0.6)
 """Share of the commanded motion that spastic arms execute, at the lowest and the highest severity."""
 AFFECTED_SPEED_LIMIT_RANGE_RAD_S = (float(np.radians(120.0)), float(np.radians(30.0)))
-"""Speed limits of affected joints at the lowest and the highest severity."""
+"""Speed limits of affected joints in rad/s, at the lowest and the highest severity."""
 PARETIC_MOBILITY, PARETIC_STRENGTH = (0.9, 0.1), (0.7, 0.1)
 PASSIVE_TORQUE_SHARE = 0.05
 """Torque of joints without voluntary control, as a share of the healthy torque.

@@ -44,8 +44,8 @@ class MotorSigns:
 
     Attributes:
         mobility: executed share of the commanded displacement from the initial pose (N, 20).
-        torque_share: see ``People`` (N, 20, 2).
-        damping_n_m_s: see ``People`` (N, 20).
+        torque_share: torques towards the lower and the upper joint limit, as a share of the full torques (N, 20, 2).
+        damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
         max_speed_rad_s: maximum speed of the executed motion (N, 20).
         damping_ratio: damping ratio (N, 20). Below 1, the joint overshoots as a second-order system.
         intention_tremor_rad: largest amplitude of the intention tremor (N, 20).

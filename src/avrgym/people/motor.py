@@ -154,7 +154,9 @@ class MotorState:
 
 
 def derive_uniforms(uniforms: FloatArray) -> FloatArray:
-    """Returns other uniform random numbers in [0, 1] of the same shape: the bits after the first 13 bits."""
+    """Returns other uniform random numbers in [0, 1] of the same shape. They consist of the bits after the first 13
+    bits.
+    """
     scaled = 8192.0 * uniforms
     return scaled - namespace(scaled).floor(scaled)
 

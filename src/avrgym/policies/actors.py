@@ -33,7 +33,7 @@ class Actor:
     ) -> FloatArray:
         """Returns actions (N, A) for observations (N, O), with noise from a generator per world: float32 in [-1, 1].
 
-        ``image`` is as in ``mean_actions``.
+        ``image`` (N, H, W, C) is the additional input of a policy with vision.
         """
         return self._policy.add_noise(self.mean_actions(observations, image), generators)
 

@@ -61,7 +61,7 @@ class CartesianController:
         return transforms.rotate(q_wb, twist_b[:3]), transforms.rotate(q_wb, twist_b[3:])
 
     def _jacobian(self) -> FloatArray:
-        """Returns the Jacobian (6, A) of the hand in the frame of the base."""
+        """Returns the Jacobian (6, A) of the hand in the frame of the robot's base."""
         positions = self._simulation.joint_positions()[:1]
         return action_jacobian(self.chain, positions, drives=self._drives)[0]
 

@@ -5,10 +5,10 @@ answers are JSON, one per line, on standard input and output. All other output g
 
 | request | answer |
 |---|---|
-| none: the program has loaded the policy | ``{"ready": true}`` |
+| none; sent when the policy is loaded | ``{"ready": true}`` |
 | ``{"session": 1, "seed": 5}`` starts an episode | ``{"reset": true}`` |
 | ``{"session": 1, "task": "…", "observation.state": […], …}`` | ``{"action": […]}`` |
-| ``{"session": 1, "end": true}`` forgets the session | ``{"ended": true}`` |
+| ``{"session": 1, "end": true}`` deletes the session | ``{"ended": true}`` |
 
 An image is ``{"shape": [H, W, 3], "data": "…"}`` with 8-bit colours in base64. The answer to an invalid request is
 ``{"error": "…"}``.

@@ -56,7 +56,7 @@ class Recording:
 
     @property
     def result(self) -> AttemptEnd | None:
-        """End of the attempt, one of ``ATTEMPT_ENDS``; ``None`` if the recording is truncated."""
+        """Result of the attempt, one of ``ATTEMPT_ENDS``; ``None`` if the recording is truncated."""
         return None if self.outcome is None else self.outcome.result
 
     @property

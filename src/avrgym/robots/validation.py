@@ -15,7 +15,7 @@ from avrgym.models.robot import PERSON_LOCATIONS, SIDES, Arm, Robot
 
 HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
 MIN_ARM_JOINTS = 6
-"""Minimum number of joints for any position and rotation of the hand."""
+"""Minimum number of joints of an arm. With fewer joints, the hand cannot have any position and rotation."""
 MAX_REACH_M, MAX_JOINT_ANGLE_RAD = 2.5, 2.0 * np.pi
 """Maximum reach in metres and maximum joint angle in radians. They bound the observations."""
 

@@ -293,7 +293,7 @@ class Simulation:
         """Check all steps since the last check for overflow. On a device, call this method once per episode.
 
         Raises:
-            RuntimeError: see ``Engine.check_overflow``.
+            RuntimeError: if the contacts or constraints of a world exceeded the engine's memory.
         """
         self.engine.check_overflow()
 
@@ -415,7 +415,9 @@ class Simulation:
         return self._now.qpos[:, self._at.drive_qpos]
 
     def configuration(self) -> FloatArray:
-        """Returns ``joint_positions`` and ``base_displacement``, (N, J) or (N, J + 3)."""
+        """Returns the configuration of the robots: ``joint_positions`` and ``base_displacement``, (N, J) or (N, J +
+        3).
+        """
         return np.concatenate([self.joint_positions(), self.base_displacement()], axis=-1)
 
     def action_to_configuration(self, configuration: FloatArray, duration_s: float) -> FloatArray:
@@ -468,7 +470,7 @@ class Simulation:
         }
 
     def restore(self, snapshot: Mapping[str, Mapping[str, NumpyArray]]) -> None:
-        """Restores a state from ``snapshot`` of a simulation with the same arguments."""
+        """Restores the state from the result of ``snapshot``. Both simulations must have the same arguments."""
         for again in (False, True):  # set_const computes constants from the fields and changes some fields
             for name, array in self._expanded().items():
                 array[:] = snapshot["fields"][name]

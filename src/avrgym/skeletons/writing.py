@@ -21,7 +21,7 @@ TEMPLATE_NAMES: Mapping[PackageKind, str] = {
     "robot": "ExampleArm",
     "controller": "WaveArm",
 }
-"""Name of the example in each template. The new name replaces it."""
+"""Name of the example task, robot or controller in each template. The new name replaces it."""
 TEMPLATE_SUFFIXES = (".md", ".py", ".toml", ".xml")
 """Suffixes of template files. Installers add files with other suffixes, such as compiled Python files."""
 NAME_PATTERN = re.compile(r"[A-Z][A-Za-z0-9]*")
@@ -32,7 +32,7 @@ def write_skeleton(kind: PackageKind, name: str, out: Path | None = None) -> lis
 
     Args:
         kind: content of the package.
-        name: a capital letter, then letters and digits, such as ``LiftArm``.
+        name: name of the task, robot or controller: a capital letter, then letters and digits, such as ``LiftArm``.
         out: a new folder; ``lift-arm`` in the working directory by default.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Descriptions of table columns, as annotations of dataclass fields.
+"""Describes table columns, in annotations of dataclass fields.
 
 A row is a dataclass with fields such as ``Annotated[float | None, Column("Reaction time.", unit="s", empty="none")]``.
 Codebooks are generated from these annotations.

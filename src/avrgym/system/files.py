@@ -18,7 +18,7 @@ _UNFINISHED = re.compile(r"\..+\.([0-9]+)\.part")
 def write_atomically(path: Path, data: bytes, mode: int = 0o666) -> None:
     """Write a file atomically. If an error occurs, the previous file is unchanged.
 
-    ``mode``: permissions, restricted by the umask.
+    ``mode``: permissions of the file; the umask of the process restricts them.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -126,7 +126,7 @@ def untrained_weight_generator() -> Generator:
 
 
 def planner_start_generator() -> Generator:
-    """Returns the random generator for the initial joint angles for the experts' motion planner."""
+    """Returns the random generator for the start poses of the inverse kinematics in the experts' motion planner."""
     return default_rng(0)
 
 
@@ -139,7 +139,7 @@ def surface_point_generator() -> Generator:
 
 
 def condition_order_generator(seed: int) -> Generator:
-    """Returns the random generator for the orders of tasks and conditions."""
+    """Returns the random generator for the trial orders of a study: orders of tasks and conditions."""
     return default_rng(seed)
 
 
@@ -194,8 +194,8 @@ def participant_behaviour_generator(seed: int) -> Generator:
 
 
 def participant_command_generator(seed: int, part: int) -> Generator:
-    """Returns the random generator for the commands of a simulated participant to the robot. ``part``: 0 traits, 1
-    commands of a trial.
+    """Returns the random generator for the commands of a simulated participant to the robot. ``part``: 0 for the
+    participant's traits, 1 for the commands in a trial.
     """
     return default_rng([seed, 4, part])
 
@@ -219,8 +219,8 @@ def participant_noise_generator(seed: int) -> Generator:
 
 
 def simulated_study_generator(seed: int, study: int, part: int) -> Generator:
-    """Returns the random generator for a simulated study of ``study power``. ``part``: 0 answers, 1 tasks, 2
-    withdrawals, 3 objective results.
+    """Returns the random generator for a simulated study of ``study power``. ``part``: 0 for answers, 1 for tasks, 2
+    for withdrawals, 3 for objective results.
     """
     return default_rng([seed, study, part])
 

@@ -10,8 +10,9 @@ from tempfile import mkdtemp
 
 @dataclass(frozen=True)
 class TransferredFile:
-    """The name of a file or folder, and its contents. ``files`` contains the files of a folder: relative path and
-    content."""
+    """The name of a file or folder, and its contents. ``content`` is the content of a file. ``files`` contains relative
+    path and content of each file of a folder.
+    """
 
     name: str
     content: bytes | None = None

@@ -1,4 +1,4 @@
-"""Type guards for the values of JSON and TOML."""
+"""Type guards for values that were read from JSON or TOML."""
 
 from collections.abc import Sequence
 from typing import Any, TypeGuard

@@ -418,7 +418,7 @@ class Episodes:
         """Check all results on a device since the last check. Call it once per episode.
 
         Raises:
-            RuntimeError: see ``Engine.check_overflow``.
+            RuntimeError: if the contacts or constraints of a world exceeded the engine's memory.
             ValueError: for actions that were not finite.
         """
         self.simulation.check_overflow()

@@ -123,11 +123,11 @@ class People:
         range_share: joint ranges as a share of the full ranges (N,).
         strength_share: joint torques as a share of the full torques, (N,) or by joint (N, 20).
         tremor_rad: tremor amplitude of each joint (N, 20).
-        arm_scale: see ``Person`` (N,).
+        arm_scale: length of upper arms and forearms relative to the average for the torso height (N,).
         torque_share: torques towards the lower and the upper limit of each joint, as a share of the full torques (N,
         20, 2).
         damping_n_m_s: passive damping of each joint, N m s/rad (N, 20).
-        stature_m, bmi_kg_m2: see ``Person`` (N,); NaN for ``None``.
+        stature_m, bmi_kg_m2: stature and body mass index (N,); NaN for the radii and mass of the paper's man or woman.
     """
 
     is_woman: BoolArray

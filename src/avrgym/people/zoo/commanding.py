@@ -31,7 +31,7 @@ class CommandParameters:
     Attributes:
         ready_delay_s: time from the start of the robot's wait to the command ``ready``.
         comfortable_speed: speed factor at which the partner commands no change of speed.
-        wait_per_min: commands ``wait`` per minute in which the robot does not wait.
+        wait_per_min: number of commands ``wait`` per minute, without the time in which the robot waits.
     """
 
     ready_delay_s: FloatArray
@@ -103,7 +103,7 @@ class PartnerCommands:
 
         Args:
             waiting: worlds (N,) in which the robot waits.
-            speed_factor: its speed factors (N,).
+            speed_factor: speed factors (N,) of the robots.
             step_s: duration of a control step.
         """
         begins = waiting & (self._waited_s == 0.0)

@@ -74,8 +74,8 @@ class Engine(Protocol):
         """Advance all worlds by physics steps. Forces are from the last step, positions and velocities from its end.
 
         Raises:
-            RuntimeError: see ``check_overflow``. If ``world_arrays`` contains tensors, nothing is checked, because a
-                check would wait for the device.
+            RuntimeError: if the contacts or constraints of a world exceeded the engine's memory. If ``world_arrays``
+                contains tensors, nothing is checked, because a check would wait for the device.
         """
         ...
 

@@ -1,8 +1,8 @@
 """Reward of dressing: length of the arm in the sleeve, and the preferences of the person.
 
-The arm is a path from the centre of the hand through wrist and elbow to the shoulder. The opening of the sleeve has
-passed a point of the path if its rim winds around the arm at this point. As in Assistive Gym, the reward increases with
-the covered length of the arm. It decreases with the forces on the person.
+The arm is a path from the centre of the hand through wrist and elbow to the shoulder. The sleeve's opening has passed a
+point of the path if its rim winds around the arm there. As in Assistive Gym, the reward increases with the covered
+length of the arm. It decreases with the forces on the person.
 """
 
 from collections.abc import Mapping

@@ -12,7 +12,9 @@ JOINTS = (
     "shoulder_turn", "shoulder_lift", "upper_arm_turn", "elbow", "forearm_turn", "wrist_lift", "wrist_turn",
 )  # fmt: skip
 SEED_POSE_DEG = (-46.0, 72.0, -18.0, -38.0, -38.0, -106.0, 146.0)
-"""Close to the initial poses of tasks; `docs/how_to/add_a_robot.md` of AVR Gym explains how to find a seed pose."""
+"""Initial pose of the inverse kinematics, close to the initial poses of tasks. `docs/how_to/add_a_robot.md` of AVR Gym
+explains the search for such a pose.
+"""
 
 
 def build(appearance: bool) -> mujoco.MjSpec:

@@ -87,8 +87,9 @@ WEIGHTS = {"distance_m": -1.0, "action_squared": -0.01, "touched": 1.0, "strong_
 
 
 def evaluate_step(state: State, action: FloatArray, task_state: TouchState) -> StepResult:
-    """Evaluate a step. A touch is a tool contact within 8 cm of the elbow's centre. Five control steps with a touch are
-    a success."""
+    """Evaluate a control step. A touch is a tool contact within 8 cm of the elbow's centre. Five control steps with a
+    touch are a success.
+    """
     near = norm(state.tool_contact_pos_w - elbow_w(state)[:, None]) < REACHED_M
     touched = (near & (state.tool_contact_force_n > 0.0)).any(axis=-1)
     after = TouchState(task_state.touches + touched)
