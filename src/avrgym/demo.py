@@ -22,16 +22,17 @@ DEMO_ENVIRONMENTS = (
     "avrgym/ScratchItchJaco-v1",
     "avrgym/BedBathingPR2-v1",
 )
-"""One environment for each task. The task in bed is last because it needs a new calibration of the headset."""
+"""Environments of the demonstration, one for each task. The task in bed is last, because it needs a new calibration of
+the headset."""
 FREE_MOVEMENT_S, COUNTDOWN_S, TRIAL_STEPS = 1.0, 2.0, 90
 
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The files of a demonstration.
+    """The paths of the files that a demonstration has written.
 
-    ``pages`` are the paths of the replay pages, ``recordings`` those of the recordings. ``browser_error`` is the
-    reason why no browser was used, or ``None`` if a browser was used.
+    ``pages``: paths of the replay pages. ``recordings``: paths of the recordings. ``browser_error``: the reason why no
+    browser was used; ``None`` if a browser was used.
     """
 
     pages: list[Path]

@@ -72,10 +72,10 @@ export const PHASES_WHERE: Record<"moves" | "can_be_stopped" | "awaits_ready" | 
 /** A pose in WebXR's `local-floor` space: position in metres (y up), orientation x, y, z, w. */
 export type XRPose = [position: Vector3, orientation: Quaternion];
 
-/** A person's body dimensions in metres, for inverse and forward kinematics.
+/** Dimensions of a person's body in metres, for inverse and forward kinematics.
  *
  * `hips_pos_w` and `hips_q_w` (w, x, y, z): the pose of the hips in the world frame. `waist` is in the frame of
- * the hips, `neck` and `right_shoulder` are in that of the torso. `head_centre_m`: height above the neck. */
+ * the hips; `neck` and `right_shoulder` are in the frame of the torso. `head_centre_m`: height above the neck. */
 export interface Skeleton {
   hips_pos_w: Vector3;
   hips_q_w: Quaternion;
@@ -96,7 +96,7 @@ export interface StageLatency {
   p99: number;
 }
 
-/** A stream of another device by its name in the study, and whether it is available. */
+/** Whether the stream of another device is available. `name`: name of the stream in the study. */
 export interface StreamStatus {
   name: string;
   present: boolean;
@@ -131,7 +131,7 @@ export interface Presentation {
   captions: boolean;
 }
 
-/** The first message of a connection. `token` comes from the fragment of the page's address. */
+/** The first message of a connection. `token` is in the fragment of the page's address. */
 export interface Hello {
   type: "hello";
   protocol: number;
@@ -155,7 +155,8 @@ export interface Tracking {
   right_modality: Modality;
 }
 
-/** Acknowledges states; sent after every `STATES_PER_RECEIPT` states. `num_states`: total number received. */
+/** Acknowledges states; sent after every `STATES_PER_RECEIPT` states. `num_states`: number of all received
+ * states. */
 export interface Receipt {
   type: "receipt";
   states: number;
@@ -166,7 +167,7 @@ export interface Entered {
   type: "entered";
 }
 
-/** The participant left VR. The connection may remain. */
+/** The participant left VR. The connection may remain open. */
 export interface Left {
   type: "left";
 }
@@ -190,7 +191,7 @@ export interface Stop {
 
 /** A command of the participant to the robot, see `avrgym.commands.vocabulary`.
  *
- * `source`: the input that gave it. `client_time_ms`: time of the input, on the clock of the page. */
+ * `source`: the source of the command, such as a key. `client_time_ms`: time of the input, on the page's clock. */
 export interface RobotCommand {
   type: "robot_command";
   name: RobotCommandName;
@@ -204,7 +205,7 @@ export interface VisibilityChanged {
   visibility: Visibility;
 }
 
-/** The participant requests a new calibration, because body or seat do not fit. */
+/** The participant requests a new calibration, because the virtual body or seat does not fit. */
 export interface Recalibrate {
   type: "recalibrate";
 }
@@ -214,7 +215,7 @@ export interface RequestBreak {
   type: "request_break";
 }
 
-/** The participant wants to change how the robot helps, before the next trial. */
+/** The participant requests the questions about preferences for the robot, before the next trial. */
 export interface ChangePreferences {
   type: "change_preferences";
 }
@@ -244,9 +245,9 @@ export interface ChooseBody {
   skin_tone: string;
 }
 
-/** The targets that the participant can select now. The experimenter may select one for the participant.
+/** The targets that the participant can select now. The experimenter may select a target for the participant.
  *
- * `offer_number` increases with each offer. An offer without targets ends the previous one. */
+ * `offer_number` increases with each offer. An offer without targets ends the previous offer. */
 export interface Offered {
   type: "offered";
   number: number;
@@ -265,7 +266,7 @@ export interface Latency {
   draw_ms: number[];
 }
 
-/** Intervals between the frames of the last second during the headset check, and the device.
+/** Frame intervals of the last second during the headset check, with a description of the device.
  *
  * `device`: the browser's user agent. `profiles`: input profiles of the controllers. `display_hz`: refresh rate
  * of the display, if known. */
@@ -291,13 +292,13 @@ export interface Command {
   name: CommandName;
 }
 
-/** The torso height measured by the experimenter. The body is rebuilt with this height. */
+/** The participant's torso height as the experimenter measured it. The body is rebuilt with this height. */
 export interface CorrectTorsoHeight {
   type: "correct_torso_height";
   torso_height_m: number;
 }
 
-/** The experimenter's choice of the participant's body model. */
+/** The experimenter's choice of the participant's body model, as `ChooseBody`. */
 export interface ChooseParticipantBody {
   type: "choose_body";
   sex: Sex;
@@ -333,7 +334,7 @@ export interface Drive {
 /** The demonstrator's controller in one XR frame. While `clutch` is true, the tool repeats its relative motion.
  *
  * `grip`: pose of the grip in the demonstrator's `local-floor` space; `None`: not tracked. `xr_from_world`:
- * pose of the world in this space. `scale`: translation of the tool divided by that of the controller. */
+ * pose of the world in this space. `scale`: translation of the tool divided by the translation of the controller. */
 export interface Steer {
   type: "steer";
   clutch: boolean;
@@ -342,7 +343,7 @@ export interface Steer {
   scale: number;
 }
 
-/** A button of a demonstration session: starts an episode, ends it as a success, or discards it. */
+/** A pressed button in a demonstration session: it starts an episode, ends it as a success, or discards it. */
 export interface Demonstrate {
   type: "demonstrate";
   button: DemonstrationButton;
@@ -364,7 +365,8 @@ export interface SceneWatched {
 
 export type ExperimenterMessage = Hello | Receipt | Command | CorrectTorsoHeight | ChooseParticipantBody | Press | MarkPoint | Drive | Steer | Demonstrate | WatcherRobotCommand | SceneWatched;
 
-/** The connection is accepted in a role. `haptics` and `sounds`: feedback that the session plan enables. */
+/** The server accepts the connection in a role. `haptics`, `sounds`: whether the session plan enables this
+ * feedback. */
 export interface Welcome {
   type: "welcome";
   protocol: number;
@@ -391,7 +393,7 @@ export interface Body {
   skin_tones_rgb: Vector3[];
 }
 
-/** The participant's input profile, with their ways to stop. */
+/** The participant's input profile, with the stop methods. */
 export interface Input {
   type: "input";
   method: InputMethod;
@@ -404,7 +406,7 @@ export interface Input {
   presentation: Presentation;
 }
 
-/** The participant's `offered` targets, for experimenters. */
+/** The targets that the participant can select now, for experimenters. */
 export interface Targets {
   type: "targets";
   number: number;
@@ -418,14 +420,14 @@ export interface Pressed {
   value: number;
 }
 
-/** A scene to display: the address of a GLB whose nodes have `extras.body`, and the pose of the world.
+/** A scene to display: the address of a GLB file, and the pose of the world. Nodes of the file have `extras.body`.
  *
- * `xr_from_world` is the pose of the z-up world frame in `local-floor`; apply it to the root node. `bodies`:
- * the order of the poses in later state messages. `marks`: number of spheres on the person that show the targets of
- * the task. In state messages, their positions come after the bodies. All have the same radius and colour (RGB in
- * [0, 1]). The first-person view hides `head_bodies`. Its viewpoint is `eyes`, in the frame of the first head body
- * (x left, −y forward, z up). `skeleton`: the participant's body dimensions. Names of the participant's bodies begin
- * with `person/`. */
+ * `xr_from_world`: pose of the z-up world frame in `local-floor`, for the root node. `bodies`: the order of the
+ * poses in later state messages. `marks`: number of spheres on the person that show the targets of the task. In
+ * state messages, their positions come after the bodies. All marks have the same radius and colour (RGB in [0, 1]).
+ * The first-person view hides `head_bodies`. Its viewpoint is `eyes`, in the frame of the first head body (x left,
+ * −y forward, z up). `skeleton`: the participant's body dimensions. Names of the participant's bodies begin with
+ * `person/`. */
 export interface Scene {
   type: "scene";
   url: string;
@@ -439,9 +441,9 @@ export interface Scene {
   xr_from_world: XRPose;
 }
 
-/** Move the world linearly to another pose in `local-floor` within a time.
+/** Commands the client to move the world linearly to another pose in `local-floor`, in a given time.
  *
- * The server sends it when a participant has slid on the seat. */
+ * The server sends this message when a participant has slid on the seat. */
 export interface Placed {
   type: "placed";
   xr_from_world: XRPose;
@@ -470,13 +472,13 @@ export interface Passed {
  *
  * The first state after a `scene` message contains all rows. `tracking_sequence`: the newest tracking frame that
  * this state includes, -1 before the first. `joint_targets`: target angles of the person's joints.
- * `deviating_parts`: parts of the body that cannot follow tracking, because of an obstacle or lost tracking; the
+ * `deviating_parts`: parts of the body that cannot follow tracking, because of an obstacle or lost tracking. The
  * client draws the simulated poses of these parts.
  *
  * `joint_targets` has steps of 1e-5 rad and one row per joint. `poses` has one row x, y, z, w, x, y, z per body or
- * mark. Its steps are 0.1 mm for the position and 5e-5 for the quaternion. Unchanged rows are omitted. Each row begins
- * with the number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of
- * Protocol Buffers. */
+ * mark. Positions have steps of 0.1 mm, quaternions of 5e-5. Unchanged rows are omitted. Each row begins with the
+ * number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of Protocol
+ * Buffers. */
 export interface StateChange {
   type: "state";
   sequence: number;
@@ -490,9 +492,9 @@ export interface StateChange {
 /** The phase of the session, with the text for the participant.
  *
  * `trial`: number of the running or next trial, from 1. `trials`: number of trials. `seconds`: time limit.
- * `text` is for VR with a trigger. `texts_by_input`: differing texts for other input methods. `page_text`: a
- * differing text for the page without a headset. `key`: the key of the text. `preferences`: whether the
- * participant may change their preferences for the robot now. */
+ * `text` is for VR with a trigger. `texts_by_input`: texts for other input methods. `page_text`: text for the
+ * page without a headset. `key`: the key of the text. `preferences`: whether the participant may change their
+ * preferences for the robot now. */
 export interface Phase {
   type: "phase";
   name: PhaseName;
@@ -511,8 +513,8 @@ export interface Phase {
  *
  * `item`: its identifier. `points`: number of points of the scale. `low`, `high`: texts at the ends of the
  * scale. `labels`: texts of the buttons; default: numbers from 1 to `points`. `number`: position in the
- * questionnaire, from 1. `count`: number of items. `previous_answer`: the answer before the participant went back,
- * if any. */
+ * questionnaire, from 1. `count`: number of items. `previous_answer`: the earlier answer, if the participant went
+ * back to this item. */
 export interface Question {
   type: "question";
   item: string;
@@ -528,9 +530,8 @@ export interface Question {
 
 /** An error in a message or a measurement, with the allowed values. The session continues.
  *
- * `message` is for VR with a trigger. `page_message`: a differing text for the page without a headset.
- * `messages_by_input`: differing texts for other input methods. `role`: the role that receives the problem. The
- * experimenter receives all problems. */
+ * `message` is for VR with a trigger. `page_message`: text for the page without a headset. `messages_by_input`:
+ * texts for other input methods. `role`: the role that receives the problem. The experimenter receives all problems. */
 export interface Problem {
   type: "problem";
   message: string;
@@ -539,7 +540,8 @@ export interface Problem {
   messages_by_input: Record<string, string>;
 }
 
-/** The robot commands that are possible now; an empty list if none are. Sent when a field changes.
+/** The robot commands that are possible now; an empty list if no command is possible. Sent when a field changes its
+ * value.
  *
  * `sources`: the allowed sources. `mode`: the mode of the pacing layer, see `avrgym.safety.pacing`; empty
  * without the layer. `speed_factor`: factor of the policy's speed. `distance_m`: distance at which the robot
@@ -568,18 +570,19 @@ export interface Feedback {
  *
  * `step`: number of control steps of the attempt. `steps`: number of control steps of a complete trial.
  * `reward`: the sum of rewards. `success`: whether the attempt has succeeded until now. `distance_m` and
- * `force_on_person_n` are values of the latest step. `force_region`: the body region with the highest force
- * relative to its limit. `force_share`: this ratio. They are empty and 0 without contact.
+ * `force_on_person_n` are values of the latest step. `force_region`: the body region with the highest ratio of
+ * force to allowed force; empty without contact. `force_share`: this ratio; 0 without contact.
  *
  * `retracting`: the force guard moves the robot. `withdrawing`: the robot withdraws its tool after success, or has
  * withdrawn it. `operated`: the experimenter drives the robot in this trial. `idle`: the robot holds still without
- * an action. `paused`: no trial may start. `pause_reason`: the answer that met a stop rule, or empty.
+ * an action. `paused`: no trial may start. `pause_reason`: the answer that met a stop rule; empty without such an
+ * answer.
  *
  * `tracking_age_s`: time since the newest valid frame. `untracked_parts`: parts of the body with stale poses. If
  * one of them is in `needed_parts`, the robot holds still, and the attempt ends after a second. `latency`: recent
  * latencies from tracking to display, in total (`total_ms`) and by stage. `streams`: streams of other devices.
- * `headset_s`: the participant's time in VR. `headset_limit_s`: its limit. `break_is_due`: a break follows
- * before the next trial. */
+ * `headset_s`: the participant's time in VR. `headset_limit_s`: the maximum time in VR. `break_is_due`: a break
+ * follows before the next trial. */
 export interface Status {
   type: "status";
   phase: PhaseName;

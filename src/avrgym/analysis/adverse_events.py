@@ -14,7 +14,7 @@ from avrgym.study.people.adverse_events import (
 )
 
 EventCondition = tuple[str | None, str | None]
-"""Robot and policy; ``PRACTICE`` for events in practice, ``OUTSIDE_TRIALS`` for events outside trials."""
+"""Condition in which an event began: (robot, policy) of the trial, ``PRACTICE``, or ``OUTSIDE_TRIALS``."""
 PRACTICE, OUTSIDE_TRIALS = ("practice", None), (None, None)
 NO_EVENTS_TEXT = "No adverse events were recorded."
 LOST_REPORTS_TEXT = "The database was rebuilt from the recordings: reports from before that are lost."
@@ -45,7 +45,8 @@ def latest_event_reports(analysis: StudyAnalysis) -> list[Mapping[str, Any]]:
 
 
 def describe_adverse_events(analysis: StudyAnalysis) -> str:
-    """Returns sentences for the methods section: number of events, number of affected people, and lost reports."""
+    """Returns sentences for the methods section: number of adverse events, number of affected people, and lost
+    reports."""
     events = latest_event_reports(analysis)
     flow = next((each for each in analysis.flows if not each.simulated), None)
     deleted = (

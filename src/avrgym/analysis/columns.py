@@ -1,4 +1,4 @@
-"""Column types of the analysis tables: Python type and description of a column. Several tables share each type."""
+"""Column types of the analysis tables: Python type and description of a column that several tables have."""
 
 from dataclasses import replace
 from typing import Annotated

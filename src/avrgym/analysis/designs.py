@@ -19,7 +19,8 @@ _ITEMS = COLUMNS_BY_TABLE["items"]
 
 @dataclass(frozen=True, kw_only=True)
 class ItemVersionRow:
-    """One version of a questionnaire item, and its number of answers from people or from simulated participants."""
+    """One version of a questionnaire item. The row contains its number of answers from people or simulated
+    participants."""
 
     simulated: IsSimulated
     questionnaire: QuestionnaireName
@@ -113,7 +114,8 @@ def describe_by_design(
 ) -> str:
     """Returns a description of all session designs. If descriptions differ, each is listed with its trials.
 
-    ``words``: function that returns the description of a design. Without session designs, ``design`` is described.
+    ``words``: function that returns the description of a design. If there are no session designs, the description of
+    ``design`` is returned.
     """
     groups: dict[str, list[SessionDesign]] = {}
     for use in session_designs:

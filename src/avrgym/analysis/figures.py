@@ -12,7 +12,7 @@ from avrgym.analysis.study import StudyAnalysis
 
 
 def draw_figures(analysis: StudyAnalysis) -> list[ReportFigure]:
-    """Returns all figures that have data. In each kind of figure, people are before simulated participants."""
+    """Returns all figures that have data. For each kind: the figure of people, then of simulated participants."""
     drawings: list[ReportFigure] = []
     for simulated in sorted({row.simulated for row in analysis.objective_outcomes}):
         drawings += [

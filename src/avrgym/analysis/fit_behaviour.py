@@ -6,10 +6,10 @@ of a grid. Sway and tremor are estimated from the periodogram of each trial and 
 then shrunk to the group mean, see ``statistics.shrinkage``.
 
 Sampling variances are computed from differences between trials of one participant, or between the halves of a single
-trial. They are pooled over participants. The variance of a least-squares estimate is first computed for independent
-errors. It is then multiplied by the ratio of the jackknife variance to this variance (Efron, *The Jackknife, the
-Bootstrap and Other Resampling Plans*, 1982). For a parameter found by grid search, the variance is computed from the
-best value in each trial.
+trial. The variances are pooled over participants. The variance of a least-squares estimate is first computed for
+independent errors. It is then multiplied by the ratio of the jackknife variance to this variance (Efron, *The
+Jackknife, the Bootstrap and Other Resampling Plans*, 1982). For a parameter found by grid search, the variance is
+computed from the best value in each trial.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,16 +43,16 @@ MOVEMENT_PRIORS: Mapping[str, tuple[float, float]] = {
     "startle_distance_m": (0.2, 0.07),
     "startle_duration_s": (1.0, 0.5),
 }
-"""Movement parameters, with mean and standard deviation of a weak prior. The priors cover all partners of the zoo.
+"""Mean and standard deviation of a weak prior, by movement parameter. The priors cover all partner models of the zoo.
 
-A participant's trials may contain no information about a parameter, for example if the tool was never near. The
-parameter then has the prior variance."""
+A participant's trials may contain no information about a parameter, for example if the tool was never near the person.
+The parameter then has the prior variance."""
 RHYTHMIC_PARAMETERS = ("sway_deg", "sway_hz", "tremor_deg", "tremor_hz")
 FITTED_PARAMETERS = (*MOVEMENT_PRIORS, *RHYTHMIC_PARAMETERS)
 SWAY_FREQUENCY_STEP_HZ = 0.004
 SWAY_BAND_HZ, TREMOR_BAND_HZ = (0.05, 0.6), (3.5, 12.0)
-"""Frequency bands for the search of sway and tremor. Tremor is between 4 and 12 Hz (Bhatia et al., Mov. Disord. 33:75,
-2018)."""
+"""Frequency bands in which sway and tremor are searched. Tremor is between 4 and 12 Hz (Bhatia et al., Mov. Disord.
+33:75, 2018)."""
 _GRID = [
     {"reaction_s": reaction_s, "startle_deg": startle_deg, "startle_distance_m": startle_distance_m}
     for reaction_s in (0.2, 0.35, 0.55, 0.8)
@@ -60,17 +60,21 @@ _GRID = [
 ]
 _NAMES = tuple(MOVEMENT_PRIORS)
 _STEPS = np.array([0.05, 0.02, 0.05, 0.05, 1.0, 0.02, 0.1])
-"""Half-widths of the central differences, one for each parameter. Observations are updated ten times a second. The
-prediction is therefore a step function of reaction time and distances. Smaller half-widths would measure its jumps."""
+"""Half-widths of the central differences, one for each parameter, in the parameter's unit. Observations are updated ten
+times a second. The prediction is therefore a step function of reaction time and distances. With smaller half-widths,
+the differences would measure the jumps of this function."""
 _SEARCHED: Mapping[str, FloatArray] = {
     "reaction_s": 0.02 * np.arange(-10.0, 11.0),
     "speed_share": 0.05 * np.arange(-8.0, 9.0),
     "startle_distance_m": 0.005 * np.arange(-10.0, 11.0),
     "startle_duration_s": 0.05 * np.arange(-8.0, 9.0),
 }
-"""Parameters for the grid search, and the changes to try. Predictions depend on them little or discontinuously."""
+"""Changes to try in the grid search, by parameter.
+
+The search is used for parameters with a small or discontinuous effect on the predictions.
+"""
 CAUCHY_WEIGHT_SCALE = 2.385
-"""Scale of Cauchy's weight function, in standard deviations: larger deviations have less weight (Holland and Welsch,
+"""Scale of Cauchy's weight function, in standard deviations. Larger deviations have less weight (Holland and Welsch,
 Commun. Stat. 6:813, 1977)."""
 MAD_TO_SD_FACTOR = 1.4826
 """Standard deviation of normally distributed values, divided by their median absolute deviation."""
@@ -82,15 +86,15 @@ _STARTLE = [column for column, name in enumerate(_NAMES) if name.startswith("sta
 _MEAN, _DEVIATION = np.array(list(MOVEMENT_PRIORS.values())).T
 _LOW, _HIGH = np.array([PARAMETER_BOUNDS.get(name, DEFAULT_PARAMETER_BOUNDS) for name in _NAMES]).T
 _EVERY = DEFAULT_SUBSTEPS // 2
-"""The least-squares method uses every fifth angle: 20 angles a second."""
+"""Step between the samples for the least-squares method: every fifth angle, 20 angles a second."""
 MOTION_LAG_TICKS = 1
-"""Delay from a motion to its joint targets, in ticks of 10 ms."""
+"""Delay from a motion of the person to the joint targets, in ticks of 10 ms."""
 COST_TOLERANCE = 0.5
-"""Two costs are considered equal if their difference is below this value."""
+"""Two least-squares costs are considered equal if their difference is below this value."""
 ITERATIONS_PER_PASS = 3
 """Number of iterations in each of two passes: before and after the sway frequency is estimated."""
 INITIAL_NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
-"""Initial and minimum standard deviation of the deviations between recorded and predicted motion."""
+"""Initial and minimum standard deviation of the differences between recorded and predicted angles."""
 
 
 @dataclass(frozen=True)
@@ -151,10 +155,10 @@ def fit_behaviour(motions: Sequence[RecordedMotion]) -> FittedBehaviour:
 
 
 class _Fit:
-    """Least-squares fit of n participants' parameters ``values`` (n, 7) to their trials.
+    """Least-squares fit of the movement parameters ``values`` (n, 7) of n participants to their trials.
 
-    ``_pieces``: parts of trials (trial index, rows). A piece is a whole trial, or half a trial if the participant has
-    only one. Differences between pieces give the sampling variances.
+    ``_pieces``: parts of trials (trial index, rows). A piece is a whole trial. If a participant has only one trial, a
+    piece is half this trial. Sampling variances are computed from differences between pieces.
     """
 
     def __init__(self, motions: Sequence[RecordedMotion]) -> None:
@@ -181,7 +185,8 @@ class _Fit:
         return grid[self._costs(self._residuals(points), points).argmin(axis=0)]
 
     def optimise(self) -> None:
-        """Improve ``values`` by the Levenberg-Marquardt method. Each iteration tries three damping factors."""
+        """Reduce the cost of ``values`` by the Levenberg-Marquardt method. Each iteration tries three damping
+        factors."""
         everyone, precision = np.arange(len(self.participants)), np.diag(1.0 / _DEVIATION**2)
         damping = np.full(len(everyone), 1e-2)
         factors = np.array([0.01, 1.0, 100.0])
@@ -213,7 +218,8 @@ class _Fit:
         return points, self._piece_costs(self._residuals(points))
 
     def _search(self, column: int, changes: FloatArray) -> None:
-        """Set one parameter to the mean of its best values. Values with almost equal costs are equally good."""
+        """Set one parameter to the mean of its best values: those with a cost within ``COST_TOLERANCE`` of the lowest
+        cost."""
         points, of_pieces = self._searched(column, changes)
         costs = self._per_participant(of_pieces.T).T + _prior_costs(points)
         self.values[:, column] = _best(points[..., column], costs)[0]
@@ -221,7 +227,8 @@ class _Fit:
     def _search_variances(self, column: int, changes: FloatArray) -> FloatArray:
         """Returns the sampling variances (n,) of a parameter.
 
-        They are the pooled variance of the best values of the pieces plus the variance of equally good values.
+        A sampling variance is the sum of two variances: between the best values of the pieces (pooled), and between
+        values of almost equal cost.
         """
         points, of_pieces = self._searched(column, changes)
         best, variance = _best(points[:, self._piece_owner, column], of_pieces)
@@ -236,7 +243,7 @@ class _Fit:
         ]
 
     def variances(self) -> FloatArray:
-        """Returns the sampling variances (n, 7) of ``values``."""
+        """Returns the sampling variances (n, 7) of ``values``, in squared units of the parameters."""
         precision = np.diag(1.0 / _DEVIATION**2)
         of_pieces, slopes = self._normal_equations(self._differentiated())
         curvature = self._per_participant(of_pieces) + precision
@@ -254,7 +261,7 @@ class _Fit:
         return np.minimum(variances, _DEVIATION**2)
 
     def rhythms(self) -> FloatArray:
-        """Returns estimates (pieces, 4) of the sway and tremor parameters ``RHYTHMIC_PARAMETERS``."""
+        """Returns estimates (pieces, 4) of the sway and tremor parameters, in the order of ``RHYTHMIC_PARAMETERS``."""
         residuals = self._residuals(self.values[None], bases=False)
         found: list[list[float]] = []
         for number, rows in self._pieces:
@@ -270,7 +277,8 @@ class _Fit:
         return self._per_participant(of_pieces) / np.bincount(self._piece_owner)[:, None]
 
     def squared_errors(self, of_pieces: FloatArray) -> FloatArray:
-        """Returns the squared standard errors (n, ...) of ``means``. The variance between pieces is pooled."""
+        """Returns the squared standard errors (n, ...) of ``means``. The variance between pieces is pooled over
+        participants."""
         count = np.bincount(self._piece_owner)[:, None]
         deviations = of_pieces - self.means(of_pieces)[self._piece_owner]
         return (deviations**2).sum(axis=0) / (count - 1).sum() / count
@@ -284,7 +292,7 @@ class _Fit:
     def _residuals(self, points: FloatArray, *, bases: bool = True) -> list[FloatArray]:
         """Returns the deviations (C, T, 5) of each trial from its predictions, for C parameter points (C, n, 7).
 
-        ``bases``: remove the offsets of waist and elbow, and the sway, from the deviations.
+        ``bases``: whether to remove sway and constant offsets of waist and elbow from the deviations.
         """
         predicted = _predictions(self._motions, points[:, self._owner])
         deviations: list[FloatArray] = [
@@ -297,7 +305,7 @@ class _Fit:
         return deviations
 
     def _differentiated(self) -> list[FloatArray]:
-        """Returns deviations (15, T, 5) of each trial for central differences.
+        """Returns deviations (15, T, 5) in radians of each trial for central differences.
 
         Row 0: with ``values``. Rows 1 to 7: each parameter increased. Rows 8 to 14: each parameter decreased.
         """
@@ -306,11 +314,12 @@ class _Fit:
         return self._residuals(np.clip(points, _LOW, _HIGH))
 
     def _costs(self, residuals: list[FloatArray], points: FloatArray) -> FloatArray:
-        """Returns the costs (C, n) of C parameter points: robust sum of squares / 2, plus the prior."""
+        """Returns the costs (C, n) of C parameter points: half the robust sum of squares, plus the negative log
+        prior."""
         return self._per_participant(self._piece_costs(residuals).T).T + _prior_costs(points)
 
     def _piece_costs(self, residuals: list[FloatArray]) -> FloatArray:
-        """Returns the robust sums of squares / 2 (C, pieces). Outliers have less weight."""
+        """Returns half the robust sums of squares (C, pieces) of the deviations. Outliers have less weight."""
         costs: list[FloatArray] = []
         for (number, rows), owner in zip(self._pieces, self._piece_owner, strict=True):
             scaled = residuals[number][:, rows] / (CAUCHY_WEIGHT_SCALE * self._noise_rad[owner])
@@ -346,7 +355,10 @@ def _prior_costs(points: FloatArray) -> FloatArray:
 
 
 def _best(values: FloatArray, costs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Returns mean and variance (n,) of the best of C values (C, n): those with almost the lowest cost (C, n)."""
+    """Returns mean and variance (n,) of the best of C values (C, n).
+
+    The best values have costs (C, n) within ``COST_TOLERANCE`` of the lowest cost.
+    """
     best = costs < costs.min(axis=0) + COST_TOLERANCE
     count = best.sum(axis=0)
     mean = (best * values).sum(axis=0) / count
@@ -367,7 +379,7 @@ class _Perceived:
 
 
 def _sampled(motion: RecordedMotion) -> FloatArray:
-    """Returns the recorded angles (T, 5) during the robot's motion, 20 a second."""
+    """Returns the recorded angles (T, 5) in radians during the robot's motion, 20 a second."""
     angles = np.concatenate([motion.angles_rad, np.tile(motion.angles_rad[-1], (MOTION_LAG_TICKS, 1))])
     return angles[DEFAULT_SUBSTEPS * motion.first_active_sample + MOTION_LAG_TICKS :: _EVERY][
         : 2 * (len(motion.tool_pos_w) - motion.first_active_sample)
@@ -375,7 +387,7 @@ def _sampled(motion: RecordedMotion) -> FloatArray:
 
 
 def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[FloatArray]:
-    """Returns the predicted angles (C, T, 5) of each trial, for C parameter points (C, trials, 7).
+    """Returns the predicted angles (C, T, 5) in radians of each trial, for C parameter points (C, trials, 7).
 
     The predictions contain no rhythmic motion and no noise.
     """
@@ -392,7 +404,7 @@ def _predictions(motions: Sequence[RecordedMotion], points: FloatArray) -> list[
 
 
 def _predict(motions: Sequence[RecordedMotion], points: FloatArray) -> FloatArray:
-    """Returns predicted angles (C, T, trials, 5) from the first time of the trials.
+    """Returns predicted angles (C, T, trials, 5) in radians, from the start of the trials.
 
     All trials have the same offered part and the same posture.
     """
@@ -448,7 +460,7 @@ def _only(state: motor.MotorState, joints: list[int]) -> motor.MotorState:
 
 
 def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
-    """Returns an orthonormal basis (T, K) of the ignored motion (offsets and sway) of some channels."""
+    """Returns an orthonormal basis (T, K) of the ignored motion (offset and sway), by index of the angle."""
     times_s = _EVERY * PHYSICS_STEP_S * np.arange(count)
 
     def basis(frequency_hz: float | None) -> FloatArray:
@@ -461,13 +473,13 @@ def _nuisance(count: int, sway_hz: float | None) -> dict[int, FloatArray]:
 
 
 def _sinusoid(times_s: FloatArray, frequency_hz: float) -> FloatArray:
-    """Returns a constant, a cosine and a sine (T, 3)."""
+    """Returns a constant, a cosine and a sine as columns (T, 3), at the times ``times_s`` (T,)."""
     angle = 2.0 * np.pi * frequency_hz * times_s
     return np.stack([np.ones_like(angle), np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
-    """Returns amplitude (degrees) and frequency (Hz) of the sway, from deviations (T, 5).
+    """Returns amplitude (degrees) and frequency (Hz) of the sway, from deviations (T, 5) in radians.
 
     The sway is the sinusoid with the smallest squared error to the waist deviations.
     """
@@ -486,7 +498,7 @@ def _sway(deviations_rad: FloatArray) -> tuple[float, float]:
 
 
 def _tremor(head_x_rad: FloatArray) -> tuple[float, float]:
-    """Returns amplitude (degrees) and frequency (Hz) of the strongest tremor in angles (T,), 100 a second.
+    """Returns amplitude (degrees) and frequency (Hz) of the strongest tremor in head angles (T,), 100 a second.
 
     The spectrum is estimated by Welch's method. The angles are constant between tracking frames; the amplitude is
     corrected for this.

@@ -5,10 +5,10 @@ The result is a TOML file (see ``people.people_file``): torso heights, poses in 
 
     low = a - (b - a) / (n - 1),  high = b + (b - a) / (n - 1)
 
-This range covers all participants. If the values are uniformly distributed over a width W, the expected values of
-``low`` and ``high`` are the ends of the distribution. On average, the smallest and the largest of n values have the
-distance W / (n + 1) from these ends, and the distance W (n - 1) / (n + 1) from each other (David and Nagaraja, *Order
-Statistics*, 3rd ed., 2003, chapter 2).
+This range covers all participants. For uniformly distributed values of width W, the expected values of ``low`` and
+``high`` are the bounds of the distribution. On average, the smallest and the largest of n values are W / (n + 1) from
+these bounds. Their distance from each other is W (n - 1) / (n + 1) on average (David and Nagaraja, *Order Statistics*,
+3rd ed., 2003, chapter 2).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -34,7 +34,7 @@ from avrgym.system.files import write_atomically
 from avrgym.tasks.registry import TASKS
 
 FITTED_JOINTS = tuple(name for name in JOINTS if not name.startswith("left_"))
-"""Joints with fitted ranges: waist, head and right arm. The left arm keeps the pose of the task."""
+"""Joints with fitted ranges: waist, head and right arm. The left arm has the initial pose of the task."""
 REACHING_JOINTS = {
     "mouth": [JOINT_INDEX[name] for name, joint in JOINTS.items() if joint.body in ("torso", "head")],
     "arm": [JOINT_INDEX[name] for name in JOINTS if name.startswith(("right_shoulder", "right_elbow"))],
@@ -43,10 +43,10 @@ REACHING_JOINTS = {
 }
 """Joint indices by the body part that a person moves to the tool. The left arm is not fitted."""
 MIN_VOLUNTARY_MOTION_DEG = 5.0
-"""Threshold of voluntary joint motion. The postural sway of a sitting person is smaller."""
+"""Smallest joint motion that is considered voluntary, in degrees. Postural sway of a sitting person is smaller."""
 INITIAL_POSE_DURATION_S = 1.0
 RECOMMENDED_PARTICIPANTS = 8
-"""Number of participants in the paper. A file from fewer participants contains a warning."""
+"""Number of participants in the paper. A people file that is fitted to fewer participants contains a warning."""
 
 
 @dataclass(frozen=True)
@@ -70,10 +70,10 @@ class TrialPose:
 
 @dataclass(frozen=True)
 class FittedPopulation:
-    """A fitted population, remarks about the fit, and an error message for each omitted recording
-    (``omitted_recordings``).
+    """A fitted population, and remarks about the fit.
 
-    ``behaviour``: ``None`` if fewer than two participants have recordings with simulation states.
+    ``behaviour``: behaviour parameters; ``None`` if fewer than two participants have recordings with simulation states.
+    ``omitted_recordings``: an error message for each omitted recording.
     """
 
     people_file: PeopleFile
@@ -85,10 +85,10 @@ class FittedPopulation:
 def fit_people(
     folder: Path, progress: Callable[[int, int], None] = lambda done, count: None
 ) -> FittedPopulation:
-    """Returns a training population, fitted to the participants with completed trials.
+    """Returns a training population that is fitted to the participants with completed trials.
 
     Simulated participants are used only if there are no people. Missing, damaged and modified recordings are omitted.
-    Trials with more tracking loss than the design allows are omitted, too.
+    Trials with more tracking loss than the design allows are also omitted.
 
     Args:
         folder: the study's folder.
@@ -217,7 +217,10 @@ def _targets(recording: Recording) -> tuple[FloatArray, FloatArray]:
 
 
 def _mean(times_s: FloatArray, values: FloatArray, until_s: float) -> FloatArray:
-    """Returns the time average (20,) of ``values`` (n, 20) until ``until_s``. Row i is valid from time i to i + 1."""
+    """Returns the time average (20,) of joint targets ``values`` (n, 20) until ``until_s``.
+
+    Row i applies from ``times_s[i]`` to ``times_s[i + 1]``. The result has the unit of ``values``.
+    """
     lasted_s = np.diff(np.minimum(times_s, until_s))
     return lasted_s @ values / lasted_s.sum()
 
@@ -243,7 +246,7 @@ def _fitted(
 
 
 def _participant_means(values: Iterable[tuple[str, float]]) -> list[float]:
-    """Returns the mean value of each participant. ``values``: pairs of participant and value."""
+    """Returns the mean value of each participant. ``values``: (pseudonym, value) of each trial."""
     values_by_participant: dict[str, list[float]] = {}
     for participant, value in values:
         values_by_participant.setdefault(participant, []).append(value)
@@ -264,7 +267,8 @@ def _heights(trials: Sequence[TrialPose], sex: Sex) -> ValueRange:
 def _pose(trials: Sequence[TrialPose], moving: bool) -> dict[str, ValueRange]:
     """Returns the angle range of each joint in degrees; empty if there are fewer than two participants.
 
-    ``moving``: participants move in trials. Angles are then means over the first second, otherwise over whole trials.
+    ``moving``: whether participants move in trials. If so, angles are means over the first second, otherwise over whole
+    trials.
     """
     if len({trial.participant for trial in trials}) < 2:
         return {}

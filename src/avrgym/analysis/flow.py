@@ -21,7 +21,7 @@ from avrgym.study.storage.states import UNKNOWN_PARTICIPATION
 from avrgym.study.storage.store import Store
 
 WITHDRAWAL_EVENT = "participant withdrawn"
-"""Name of the study event of a withdrawal. ``detail`` of the event contains the reason."""
+"""Name of the study event of a withdrawal. The field ``detail`` of the event contains the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class ParticipantFlow:
         enrolled: enrolled participants, including deleted participants.
         deleted: participants with deleted data.
         without_consent: enrolled participants without consent so far.
-        excluded: participants excluded by inclusion questions.
+        excluded: participants that were excluded by their answers to inclusion questions.
         withdrew_before_allocation: withdrawals before a trial order was allocated.
         consent_unknown: participants with lost consent records (the database was lost).
         awaiting_allocation: participants with consent, but without answers to the inclusion questions.
@@ -147,7 +147,7 @@ def _excluding(design: Design, participant: Participant) -> Iterator[str]:
 
 
 def _reasons(store: Store, own: Sequence[Participant]) -> Iterator[str]:
-    """Returns an iterator over the stored reason of each withdrawal."""
+    """Yields the reason of each withdrawal, or "no reason stored"."""
     gone = {each.number for each in own if each.state == "withdrawn"}
     stored = {each.participant: each.detail for each in store.events() if each.name == WITHDRAWAL_EVENT}
     return (stored.get(number) or "no reason stored" for number in sorted(gone))
@@ -158,14 +158,14 @@ def _in(own: Iterable[Participant], state: str) -> int:
 
 
 BOX_WIDTH_IN, DROPOUT_BOX_WIDTH_IN, BOX_GAP_IN, LINE_HEIGHT_IN = 2.9, 2.9, 0.22, 0.17
-"""Width of step boxes, width of dropout boxes, space between boxes, and height of a text line."""
+"""Sizes in the flow chart in inches: width of step and dropout boxes, space between boxes, height of a text line."""
 CHARACTERS_PER_LINE = 42
 """Maximum number of characters in a text line of a box."""
 UNKNOWN_CONSENT_TEXT = "consent or withdrawal unknown, database lost"
 
 
 def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
-    """Returns (text, dropouts) of each step.
+    """Returns (text, dropouts) of each step of the participant flow.
 
     The text contains the number of participants. Each dropout text contains a reason and its number of participants.
     """
@@ -204,7 +204,7 @@ def flow_steps(flow: ParticipantFlow) -> list[tuple[str, list[str]]]:
 
 
 def _reasons_text(reasons: Mapping[str, int]) -> str:
-    """Returns a text in brackets: each reason with its number of participants. Empty without reasons."""
+    """Returns a text in brackets: each reason with its number of participants; empty if ``reasons`` is empty."""
     return f" ({'; '.join(f'{reason}: {number}' for reason, number in reasons.items())})" if reasons else ""
 
 

@@ -23,7 +23,7 @@ TrackedInputDevice = Annotated[str, Column("Tracked as controller, hand or mouse
 
 @dataclass(frozen=True, kw_only=True)
 class HeadsetRow:
-    """The latest headset check of a session."""
+    """Measurements and findings of the latest headset check of a session."""
 
     participant: Pseudonym
     simulated: IsSimulated

@@ -12,7 +12,7 @@ from avrgym.system.columns import Column
 from avrgym.vr.latency import STAGE_LABELS, TOTAL_LATENCY_KEY, percentiles_ms
 
 LatenciesByTrial = Mapping[tuple[str, int], Sequence[Latency]]
-"""Latency measurements of each trial, by pseudonym and trial position."""
+"""Latency measurements of each trial, by (pseudonym, position of the trial)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +63,7 @@ def _rows(participant: str | None, told: Sequence[Latency], *, simulated: bool) 
 def total_latency(rows: Sequence[LatencyRow], *, simulated: bool) -> LatencyRow | None:
     """Returns the row with the total latency of all people, or of all simulated participants.
 
-    Returns ``None`` if there is no such row.
+    If there is no such row, returns ``None``.
     """
     return next(
         (

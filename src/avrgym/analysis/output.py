@@ -24,7 +24,7 @@ OUTPUT_FOLDERS = ("report", "tables", "figures", PACK)
 
 
 def check_output_folder(out: Path) -> None:
-    """Raises ``StudyError`` if ``out`` contains files with the same names that are not from an analysis."""
+    """Raises ``StudyError`` if writing to ``out`` would replace files that are not from an analysis."""
     present = [name for name in (*OUTPUT_FOLDERS, RESULTS_FILE) if (out / name).exists()]
     if present and previous_analysis_files(out) is None:
         raise StudyError(
@@ -39,7 +39,7 @@ def write_analysis(analysis: StudyAnalysis, study: Path, out: Path) -> Path:
     files. ``study``: folder of the study; the report contains links to it.
 
     Raises:
-        StudyError: if ``out`` contains files with the same names that are not from an analysis.
+        StudyError: if writing to ``out`` would replace files that are not from an analysis.
         OSError: if ``out`` cannot be written.
     """
     check_output_folder(out)

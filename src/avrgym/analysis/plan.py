@@ -45,11 +45,11 @@ from avrgym.study.storage.store import Store
 
 ANALYSIS_UNITS = (TRIAL_UNIT, PARTICIPANT_UNIT)
 SuggestedHypothesis = tuple[str, list[str], ResearchQuestion]
-"""A suggested hypothesis: text, quantities, and research question of its tests."""
+"""A suggested hypothesis: (text, quantities, research question of its tests)."""
 
 
 def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the quantities by test family, for the families that each plan must contain."""
+    """Returns the quantities by test family, for the test families that each plan must contain."""
     return {
         question.family_name(unit): tuple(quantities)
         for question, units, quantities in _questions(design)
@@ -58,15 +58,15 @@ def required_tests(design: Design) -> dict[str, tuple[str, ...]]:
 
 
 def optional_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the quantities by test family, for the families that a plan can contain, but need not.
+    """Returns the quantities by test family, for the test families that are optional in a plan.
 
-    They are tests of objective measures and of model effects. They are exploratory if the plan does not contain them.
+    These are tests of objective measures and of model effects. They are exploratory if the plan does not contain them.
     """
     return outcome_tests(design) | model_tests(design)
 
 
 def available_tests(design: Design) -> dict[str, tuple[str, ...]]:
-    """Returns the quantities by test family, for all families that a plan can contain (required and optional)."""
+    """Returns the quantities by test family, for all required and optional test families of a plan."""
     return required_tests(design) | optional_tests(design)
 
 
@@ -108,7 +108,7 @@ def _about_scores(design: Design) -> Iterator[tuple[ResearchQuestion, Sequence[s
 
 
 def suggested_hypotheses(design: Design) -> tuple[Hypothesis, ...]:
-    """Returns the hypotheses of the paper for this design, as a template for a plan. All tests are by participant."""
+    """Returns the hypotheses of the paper for this design, for a template of a plan. All tests are by participant."""
     rated = questionnaires_at_moment(design, AFTER_TRIAL)
     expected = [_above_midpoint(rated[0])] if rated else []
     if rated and len(design.policies) > 1:
@@ -144,8 +144,8 @@ class FrozenPlan:
     """The frozen plan of a study, and the deviations from it.
 
     ``frozen_at``: time of freezing. ``plan``: ``None`` if its contents are unknown. ``origin_text``: sentence about the
-    date of the plan. ``is_confirmatory``: the plan is certainly older than the first participant. ``plan_sha256``:
-    checksum of ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
+    date of the plan. ``is_confirmatory``: whether the plan was certainly frozen before the first participant was
+    enrolled. ``plan_sha256``: checksum of ``plan.toml``. ``record_sha256``: checksum of ``plan-frozen.json``.
     """
 
     frozen_at: str
@@ -186,7 +186,7 @@ def read_frozen_plan(store: Store, design: Design, observed: StudyData) -> Froze
 
 
 def add_plan_status(families: list[ComparisonFamily], plan: Plan, design: Design) -> list[ComparisonFamily]:
-    """Returns the families with the plan status of each test. Optional tests are exploratory if not in the plan."""
+    """Returns the families with the plan status of each test. Optional tests that the plan lacks are exploratory."""
     optional = optional_tests(design)
 
     def label(row: ComparisonRow) -> str:

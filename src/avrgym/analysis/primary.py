@@ -1,12 +1,12 @@
 """Select the primary results of a study, and correct their p values for multiple testing.
 
-Without a plan, the primary results are these tests by participant:
+Without a frozen plan, the primary results are these tests by participant:
 
 * differences between policies in each answer, score and objective measure
 * the first answer against the midpoint of its scale
 * changes over sessions
 
-With a plan, the primary results are the tests of its hypotheses. All other results are descriptive and have no
+With a frozen plan, the primary results are the tests of its hypotheses. All other results are descriptive and have no
 significance stars.
 """
 
@@ -50,7 +50,10 @@ TestIndex = tuple[int, int]
 
 @dataclass(frozen=True)
 class ResultsWithRoles:
-    """Tests and model effects with their roles. Primary results also have corrected p and significance stars."""
+    """Tests and model effects with their roles (such as primary).
+
+    Primary results also have a corrected p value and significance stars.
+    """
 
     families: list[ComparisonFamily]
     model_rows: list[ModelRow]
@@ -59,12 +62,13 @@ class ResultsWithRoles:
 def assign_result_roles(
     families: Sequence[ComparisonFamily], models: Sequence[ModelRow], plan: Plan | None
 ) -> ResultsWithRoles:
-    """Returns all tests and model effects with their roles. The correction is separate for simulated participants.
+    """Returns all tests and model effects with their roles. p values are corrected separately for simulated
+    participants.
 
     Args:
         families: the families of tests.
         models: the model effects.
-        plan: the confirmatory plan; ``None`` if there is none.
+        plan: the confirmatory plan; ``None`` without a confirmatory plan.
     """
     roles = {
         (at, place): _role_of_test(family, row, plan)
@@ -117,7 +121,7 @@ def _role_of_effect(row: ModelRow, plan: Plan | None) -> str:
 
 
 PValueAndDifferences = tuple[float | None, Mapping[str, float]]
-"""(p, difference of each participant) of a test. For unpaired tests, the differences are empty."""
+"""(p value, difference of each participant) of a test. For unpaired tests, there are no differences."""
 
 
 def _p_and_differences(families: Sequence[ComparisonFamily], at: TestIndex) -> PValueAndDifferences:
@@ -126,10 +130,10 @@ def _p_and_differences(families: Sequence[ComparisonFamily], at: TestIndex) -> P
 
 
 def _corrected(tests: Sequence[PValueAndDifferences], effects: Sequence[float | None]) -> list[float | None]:
-    """Returns corrected p of the tests, then of the model effects.
+    """Returns the corrected p values of the tests, then of the model effects. ``effects``: uncorrected p values.
 
     Paired tests are corrected by sign-flip permutation, all other results by Holm's method. If there are results of
-    both kinds, each p is doubled (Bonferroni).
+    both kinds, each corrected p value is doubled (Bonferroni).
     """
     paired = [at for at, (p, differences) in enumerate(tests) if p is not None and differences]
     others = [(p if at not in paired else None) for at, (p, _) in enumerate(tests)] + list(effects)
@@ -186,9 +190,9 @@ OTHER_RESULTS_TEXT = (
 def primary_section(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool, *, planned: bool
 ) -> Markup:
-    """Returns the report section with the primary results of one group; empty if there are none.
+    """Returns the report section with the primary results of one group; empty without primary results.
 
-    ``planned``: a confirmatory plan defines the primary results.
+    ``planned``: whether a confirmatory plan defines the primary results.
     """
     rows = primary_rows(tests, models, simulated)
     if not rows:

@@ -20,7 +20,7 @@ _COLUMNS = [JOINT_INDEX[name] for name in MOTION_JOINTS]
 _WAIST, _HEAD = ([JOINT_INDEX[f"{part}_{axis}"] for axis in "xyz"] for part in ("waist", "head"))
 
 MIN_MOTION_SAMPLES = 20
-"""Minimum number of samples of a motion: two seconds."""
+"""Minimum number of samples of a motion (two seconds)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class RecordedMotion:
     Attributes:
         participant: pseudonym.
         person: body and initial joint angles.
-        offered_part: body part that the person moves to the tool.
+        offered_part: name of the body part that the person moves to the tool.
         posture: posture of the person in the task.
         tool_pos_w, head_pos_w, mouth_pos_w: positions (K, 3) every 0.1 s, in metres in the world frame.
         right_arm_pos_w: positions (K, 3, 3) of right shoulder, elbow and wrist.
@@ -54,8 +54,8 @@ def read_recorded_motion(participant: str, recording: Recording) -> RecordedMoti
     """Returns the motion in the recording of a completed trial.
 
     Raises:
-        ValueError: if the recording contains no simulation states, no joint targets or less than two seconds of motion,
-            or if its world cannot be created.
+        ValueError: if the recording contains no simulation states or no joint targets, if the motion is shorter than
+            two seconds, or if the world cannot be created.
     """
     states, targets = recording.messages_by_topic["/physics"], recording.messages_by_topic["/body_targets"]
     control, events = recording.messages_by_topic["/control"], recording.messages_by_topic["/events"]

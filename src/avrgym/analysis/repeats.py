@@ -14,7 +14,8 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class RepeatRow:
-    """Attempts in one condition that were replaced by repeats. All have the same reason, cause and experimenter."""
+    """Number of attempts in one condition that were replaced by repeats, with the same reason, cause and
+    experimenter."""
 
     simulated: IsSimulated
     task: TaskName

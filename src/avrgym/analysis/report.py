@@ -226,7 +226,7 @@ def _in_state(people: Sequence[ParticipantRow], state: str) -> int:
 
 
 def _facts(analysis: StudyAnalysis) -> Markup:
-    """Returns a section with facts for a publication that are not in the results."""
+    """Returns a section with facts for a publication that ``results.json`` does not contain."""
     design, session_designs = analysis.design, analysis.session_designs
     given = {
         name.replace("_", " ").capitalize(): text or "missing; set it in [reporting] of study.toml"
@@ -270,7 +270,7 @@ def _problems(analysis: StudyAnalysis) -> Markup:
 
 
 def _problem(what: str, consequence: str, where: Sequence[str]) -> Markup:
-    """Returns one problem with all its places. Several places are a folded list."""
+    """Returns one data problem with all its places, such as trials. Several places are shown as a folded list."""
     if len(where) == 1:
         return tag("span", f"{where[0]} {what}: {consequence}.")
     return tag("details", tag("summary", f"{len(where)} times: {what}: {consequence}."), bullet_list(where))

@@ -2,8 +2,8 @@
 
 Two trials of a participant with the same task are compared: the trial with the higher sum of answers is preferred. The
 model of this preference is Bradley and Terry's (Biometrika 39, 1952), with sums of rewards as strengths (Christiano et
-al., NeurIPS 2017). The reward of a control step is a linear function of the task's reward terms and of the force on the
-person. The fitted weights are therefore comparable with ``Task.weights``, except for a common factor.
+al., NeurIPS 2017). The reward of a control step is linear in the task's reward terms and the force on the person. The
+fitted weights therefore correspond to ``Task.weights``, except for a common factor.
 """
 
 import json
@@ -24,19 +24,20 @@ from avrgym.study.storage.store import Store
 from avrgym.system.files import write_atomically
 
 COMFORT_ITEMS = ("L2", "L3")
-"""The paper's statements about comfort and safety."""
+"""Item ids of the paper's statements about comfort and safety."""
 RIDGE_PENALTY = 1.0
-"""Strength of the penalty on squared weights of standardised terms."""
+"""Strength of the ridge penalty on squared weights of standardised reward terms."""
 NEWTON_STEPS = 30
 MIN_PARTICIPANTS = 3
-"""Minimum number of participants with comparisons."""
+"""Minimum number of participants with comparisons for a fit."""
 
 
 @dataclass(frozen=True)
 class RatedTrial:
-    """A completed trial. ``rating``: sum of the answers. ``terms``: mean of each reward term over control steps.
+    """A completed trial with the participant's rating.
 
-    ``reward``: mean of the task's reward over control steps.
+    ``rating``: sum of the answers. ``terms``: mean of each reward term over control steps. ``reward``: mean of the
+    task's reward over control steps.
     """
 
     participant: str
@@ -50,10 +51,10 @@ class RatedTrial:
 class RewardModel:
     """The reward weights of one task, fitted to comparisons of trials.
 
-    ``participants`` and ``comparisons``: their numbers. ``weights``: weight by reward term, for example in 1/N; only
-    ratios of weights have a meaning. ``accuracy``: share of correctly predicted preferences (leave one participant
-    out). ``accuracy_of_reward``: the same share for the task's reward. ``simulated``: all participants are simulated,
-    and formulas generated their answers.
+    ``participants``, ``comparisons``: number of participants and of comparisons. ``weights``: weight by reward term,
+    for example in 1/N; only ratios of weights have a meaning. ``accuracy``: share of correctly predicted preferences
+    (leave one participant out). ``accuracy_of_reward``: share of preferences that the task's own reward predicts
+    correctly. ``simulated``: whether all participants are simulated; formulas then generated their answers.
     """
 
     task: str
@@ -66,7 +67,7 @@ class RewardModel:
 
 
 def fit_reward(store: Store, items: Sequence[str] = COMFORT_ITEMS) -> list[RewardModel]:
-    """Returns the reward model of each task of a study with enough comparisons.
+    """Returns a reward model for each task of a study with comparisons of at least ``MIN_PARTICIPANTS`` participants.
 
     Simulated participants are used only if there are no people. Practice trials are not used.
 
@@ -129,8 +130,8 @@ def compare(trials: Iterable[RatedTrial]) -> Iterable[tuple[RatedTrial, RatedTri
 def fit_reward_weights(differences: FloatArray) -> FloatArray:
     """Returns the weights (F,) of a logistic regression without intercept, by Newton's method.
 
-    ``differences`` (n, F): reward terms of the preferred trial minus those of the other trial. The ridge penalty makes
-    the solution unique.
+    ``differences`` (n, F): reward terms of the preferred trial minus reward terms of the other trial. The ridge penalty
+    makes the solution unique.
     """
     weights = np.zeros(differences.shape[1])
     for _ in range(NEWTON_STEPS):
@@ -151,7 +152,8 @@ def write_reward_models(models: Sequence[RewardModel], out: Path) -> None:
 
 
 def _credit(margins: FloatArray) -> FloatArray:
-    """Returns 1 for correctly predicted preferences, 0 for wrong predictions, and 0.5 for equal predictions."""
+    """Returns the score (n,) of predictions: 1 if correct, 0 if wrong, 0.5 if both trials have equal predicted
+    rewards."""
     return (np.sign(margins) + 1.0) / 2.0
 
 

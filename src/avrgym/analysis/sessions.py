@@ -15,7 +15,7 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class SessionRow(ParticipantColumns):
-    """A session of a participant."""
+    """A session of a participant: its day, number of completed trials, time in VR and breaks."""
 
     session: SessionNumber
     day: Annotated[

@@ -1,4 +1,4 @@
-"""Results of each site, for studies with several sites. They are descriptive; there are no tests."""
+"""Results of each site, for studies with several sites. The results are descriptive, without tests."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass

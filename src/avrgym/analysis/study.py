@@ -96,7 +96,7 @@ class StudyAnalysis:
 
     Attributes:
         design: the current design with all answered items.
-        frozen_plan: the frozen plan; ``None`` if there is none.
+        frozen_plan: the frozen plan; ``None`` without a frozen plan.
         design_differences: differences between the recorded designs and the current design.
         session_designs: the recorded designs of the participants.
         item_versions: versions of answered items.
@@ -111,19 +111,19 @@ class StudyAnalysis:
         session_answers: summaries of answers before and after sessions, after breaks, and of caregivers.
         answer_frequencies: frequency of each value of each item.
         score_summaries: summaries of questionnaire scores.
-        families: tests by family.
+        families: families of tests.
         models: effects in regression models.
         biomechanics, measure_ranges: distributions and ranges of body measures.
         site_outcomes, site_effects: results of each site; empty for a single site.
         latency_summaries: latency from pose to displayed frame.
         rebuilt_at: time of the rebuild of the database; ``None`` if it was not rebuilt.
         access_log: summary of the access log.
-        adverse_events: reports of adverse events.
+        adverse_events: all reports of adverse events, with follow-ups.
         functioning: numbers of answers about functioning.
         data_losses: consequences of a lost database, as sentences.
         repeats: repeated trials by condition.
         repeat_findings: results of the tests of repeats.
-        repeats_of_simulated: ``repeat_findings`` are about simulated participants, otherwise about people.
+        repeats_of_simulated: whether ``repeat_findings`` are about simulated participants (otherwise about people).
     """
 
     design: Design
@@ -160,11 +160,11 @@ class StudyAnalysis:
 
     @property
     def tests(self) -> list[ComparisonRow]:
-        """Returns the test rows of all families."""
+        """Returns the rows of all statistical tests, in the order of the families."""
         return [row for family in self.families for row in family.rows]
 
     def tables(self) -> Iterator[Table]:
-        """Yields all tables for the CSV files."""
+        """Yields the tables of the analysis. Each table becomes a CSV file."""
         seen = self.study_data
         yield Table.from_rows("participants", ParticipantRow, seen.participants)
         yield Table.from_rows("sessions", SessionRow, self.sessions)

@@ -17,7 +17,7 @@ from avrgym.system.files import open_new_csv
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A table: description of each column, and rows (values by column name)."""
+    """A table of the analysis: its name, the description of each column, and rows (values by column name)."""
 
     name: str
     columns: Mapping[str, Column]
@@ -31,7 +31,7 @@ class Table:
     def write(self, folder: Path) -> None:
         """Write the table as a CSV file into a folder.
 
-        A text that a spreadsheet could execute as a formula starts with an apostrophe in the file.
+        If a spreadsheet could execute a text as a formula, the text starts with an apostrophe in the file.
         """
         with open_new_csv(folder / f"{self.name}.csv") as file:
             writer = csv.writer(file)

@@ -1,4 +1,4 @@
-"""The command line interface. Each file contains a group of commands."""
+"""The command line interface. Most files contain a group of commands."""
 
 from avrgym.cli.main import app
 

@@ -1,4 +1,4 @@
-"""Add commands of a study, with the user account, to the study's audit log."""
+"""Add an entry for each command, with the user account, to the audit log of the study."""
 
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
@@ -18,7 +18,7 @@ def log_command(
     *,
     shows_results: bool = False,
 ) -> None:
-    """Add an entry for a command to the audit log. If the study is read-only, print a warning instead."""
+    """Add an entry for the command ``name`` to the audit log. If the study is read-only, print a warning instead."""
     from avrgym.study.storage.audit_log import add_log_entry, process_user
 
     if store.database.read_only:

@@ -21,7 +21,7 @@ from avrgym.study.storage.analysis_files import ANALYSIS_FOLDER
 def analyze(
     folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
     out: Annotated[
-        Path | None, typer.Option(help="A folder for the analysis; default: a folder in the study.")
+        Path | None, typer.Option(help="A folder for the analysis; default: a folder in the study's folder.")
     ] = None,
     skip_damaged: Annotated[
         bool,
@@ -31,7 +31,7 @@ def analyze(
 ) -> None:
     """Analyse a study: report, tables, figures and results.
 
-    The analysis replaces an earlier one in the same folder.
+    An earlier analysis in the same folder is replaced.
     """
     from avrgym.analysis.output import check_output_folder, write_analysis
     from avrgym.analysis.study import analyse_study
@@ -54,7 +54,9 @@ def analyze(
 
 def fit_reward(
     folder: Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")],
-    out: Annotated[Path, typer.Option(help="A new JSON file.", metavar="FILE")] = Path("reward.json"),
+    out: Annotated[Path, typer.Option(help="A new JSON file for the reward weights.", metavar="FILE")] = Path(
+        "reward.json"
+    ),
     item: Annotated[
         list[str] | None,
         typer.Option(
@@ -62,9 +64,10 @@ def fit_reward(
         ),
     ] = None,
 ) -> None:
-    """Fit reward weights to comparisons of a study's trials.
+    """Fit reward weights to the answers after a study's trials.
 
-    The trial with the higher answers is preferred. The accuracy is that of the other participants' weights.
+    In a comparison of two trials, the trial with the higher sum of answers is preferred. The accuracy for each
+    participant is computed with weights that are fitted to all other participants.
     """
     from avrgym.analysis.reward_model import COMFORT_ITEMS, fit_reward, write_reward_models
     from avrgym.study.storage.store import Store

@@ -29,15 +29,15 @@ app = typer.Typer(no_args_is_help=True, help="Measure speeds on this computer.")
 @app.command("sim")
 def bench_sim(
     env: Annotated[
-        list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
+        list[str] | None, typer.Option(help="An environment id; repeatable; default: all environments.")
     ] = None,
     num_envs: Annotated[int, typer.Option(help="Number of worlds that are stepped together.", min=1)] = 64,
     engine: EngineOption = THREADS,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure the speed of whole episodes and of their physics alone.
+    """Measure the simulation speed of whole episodes and of their physics alone.
 
-    The results are medians of five runs. Use an idle computer.
+    The results are medians of five runs. Run no other programs at the same time.
     """
     from avrgym.envs.benchmark import NUM_RUNS, measure_simulation_speed
 
@@ -52,11 +52,14 @@ def bench_sim(
 @app.command("cameras")
 def bench_cameras(
     env: Annotated[
-        list[str] | None, typer.Option(help="An environment id; repeatable; by default FeedingJaco.")
+        list[str] | None, typer.Option(help="An environment id; repeatable; default: FeedingJaco.")
     ] = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure images per second of the wrist camera, by kind and size. Use an idle computer."""
+    """Measure images per second of the wrist camera, by kind and size of image.
+
+    Run no other programs at the same time.
+    """
     from avrgym.envs.benchmark import measure_camera_speed
 
     with report_errors():
@@ -70,7 +73,7 @@ def bench_cameras(
 @app.command("vr")
 def bench_vr(
     env: Annotated[
-        list[str] | None, typer.Option(help="An environment id; repeatable; by default all.")
+        list[str] | None, typer.Option(help="An environment id; repeatable; default: all environments.")
     ] = None,
     seconds: Annotated[
         float, typer.Option(help="Duration of each environment's measurement.", min=1.0)
@@ -84,9 +87,9 @@ def bench_vr(
     ] = None,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Measure the live server's ticks and round trips.
+    """Measure tick durations and round-trip times of the live server.
 
-    The connection is over loopback, and trials are recorded. Use an idle computer.
+    The connection is over loopback, and trials are recorded. Run no other programs at the same time.
     """
     from avrgym.vr.benchmark.live_latency import measure_live_latency
 
@@ -101,7 +104,7 @@ def bench_vr(
 
 
 def _brief(row: MetricsRow) -> MetricsRow:
-    """Returns the columns of ``bench vr`` that the terminal shows."""
+    """Returns the columns of ``row`` that ``bench vr`` prints."""
     p99s = {
         f"{name}\np99, ms": row[key] and row[key]["p99"]
         for name, key in (
@@ -118,7 +121,7 @@ def _brief(row: MetricsRow) -> MetricsRow:
 
 
 def _stages(row: MetricsRow) -> list[MetricsRow]:
-    """Returns a row for each stage of the round trip."""
+    """Returns a table row for each stage of the round trip."""
     return [
         {"env": row["env"], "stage": name.replace("_", " "), **{f"{p}, ms": ms for p, ms in spread.items()}}
         for name, spread in {**row["stages_ms"], "round_trip": row["round_trip_ms"]}.items()
@@ -132,10 +135,10 @@ def _tabulate(
     json_file: Path | None,
     shown: Callable[[MetricsRow], MetricsRow] = lambda row: row,
 ) -> list[MetricsRow]:
-    """Measure each environment. Returns a row for each.
+    """Measure each environment. Returns a row with the results of each environment.
 
-    Prints the columns ``shown`` as a table, and writes all columns to ``json_file``. If ``every`` is true, environments
-    that fail are omitted with a message.
+    Prints the columns that ``shown`` returns as a table, and writes all columns to ``json_file``. If ``every`` is true,
+    environments with an error are omitted with a message.
     """
     check_json_file(json_file)
     rows: list[MetricsRow] = []

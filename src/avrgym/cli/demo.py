@@ -38,7 +38,7 @@ def demo(
 
 
 def _unused_folder(wanted: Path) -> Path:
-    """Returns the first of the folders wanted, wanted-2, wanted-3 … that does not exist or is empty."""
+    """Returns the first free path of wanted, wanted-2, wanted-3 …: no folder, or an empty folder."""
     number, folder = 1, wanted
     while folder.exists() and any(folder.iterdir()):
         number += 1

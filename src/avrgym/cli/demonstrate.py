@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 def demonstrate(
     env: Annotated[str, typer.Argument(help="An environment id; `avrgym envs` lists them.")],
     episodes: Annotated[
-        int, typer.Option(help="Number of recorded episodes, with those of an earlier call.", min=1)
+        int,
+        typer.Option(help="Total number of recorded episodes, including those in an existing folder.", min=1),
     ] = 20,
     people: Annotated[
         list[str] | None,
@@ -38,7 +39,10 @@ def demonstrate(
     ] = None,
     impairment: ImpairmentOption = "none",
     out: Annotated[
-        Path, typer.Option(help="The folder of recordings and success marks; an existing one is continued.")
+        Path,
+        typer.Option(
+            help="The folder of recordings and success marks; the command adds to an existing folder."
+        ),
     ] = Path("demonstrations"),
     policy: Annotated[
         str,
@@ -74,7 +78,7 @@ def demonstrate(
 
     You drive the robot in VR, or by keyboard or gamepad. With --policy you correct a policy.
 
-    Each episode has another person. You start it, and end it as a success or discard it, by button.
+    Each episode has another simulated person. Buttons start an episode, end it as a success, or discard it.
     """
     from avrgym.tasks.settings import parse_settings
     from avrgym.vr.demonstration.episode_worlds import DemonstrationPlan

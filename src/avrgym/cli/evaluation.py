@@ -48,11 +48,11 @@ OMITTED_METRICS = (
     "start_draws_max",
     "starts_refused",
 )
-"""Metrics of `evaluate` that the printed table omits."""
+"""Metrics of `evaluate` that only the JSON file contains, not the printed table."""
 
 
 def envs(json_file: JsonFileOption = None) -> None:
-    """List the environments."""
+    """List the environments: task, robot and trained policies."""
     from avrgym.policies.registry import skipped_plugin_errors
     from avrgym.policies.trained import packaged_policies
     from avrgym.tasks.registry import ENVIRONMENTS, observation_and_action_size
@@ -80,7 +80,7 @@ def fit_people(
 ) -> None:
     """Fit simulated people to a study's participants.
 
-    The command writes a people file. Use it with `--people FILE` in `train`, `evaluate` and `view`.
+    The command writes a people file. `train`, `evaluate` and `view` accept it as `--people FILE`.
     """
     from avrgym.analysis.fit_people import fit_people, write_people_file
 
@@ -98,7 +98,7 @@ def evaluate(
     env: Annotated[
         list[str] | None, typer.Argument(help="Environment ids; `avrgym envs` lists them.")
     ] = None,
-    all_environments: Annotated[bool, typer.Option("--all", help="Every environment.")] = False,
+    all_environments: Annotated[bool, typer.Option("--all", help="Evaluate in all environments.")] = False,
     policy: Annotated[
         list[str] | None,
         typer.Option(
@@ -118,7 +118,7 @@ def evaluate(
             f"{', '.join(POPULATION_NAMES)}.",
         ),
     ] = False,
-    episodes: Annotated[int, typer.Option(help="Episodes per environment.", min=1)] = 100,
+    episodes: Annotated[int, typer.Option(help="Number of episodes per environment.", min=1)] = 100,
     seed: SeedOption = 0,
     split: Annotated[
         str,
@@ -146,9 +146,9 @@ def evaluate(
     ] = False,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Evaluate policies by reward, success and force.
+    """Measure reward, success and contact force of policies.
 
-    The table has a row for each environment, policy and population.
+    The printed table has a row for each environment, policy and population.
     """
     from avrgym.learning.cross_play import cross_play as evaluate_each
     from avrgym.learning.cross_play import success_table

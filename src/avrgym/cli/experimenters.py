@@ -24,7 +24,8 @@ ExperimenterNameArgument = Annotated[
 def add_experimenter(folder: StudyFolderArgument, name: ExperimenterNameArgument) -> None:
     """Create a personal token for an experimenter.
 
-    The audit log then contains the experimenter's name. The token is printed once; the study stores only its checksum.
+    The audit log then contains the experimenter's name. The token is printed only now; the study stores only its
+    checksum.
     """
     from avrgym.study.people.experimenters import add_experimenter as add
     from avrgym.study.storage.audit_log import ADD_EXPERIMENTER

@@ -20,7 +20,9 @@ from avrgym.tasks.constants import EPISODE_STEPS
 
 CameraOption = Annotated[
     list[str] | None,
-    typer.Option(help="Colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"),
+    typer.Option(
+        help="Also write colour images of a camera, such as wrist:128x96. Repeatable.", metavar="CAMERA"
+    ),
 ]
 
 app = typer.Typer(no_args_is_help=True, help="Write policies and scenes for other programs.")
@@ -91,7 +93,7 @@ def export_simulated_demonstrations(
 ) -> None:
     """Write demonstrations of a simulated operator as a LeRobot dataset.
 
-    The operator acts 0.2 s later and less precisely than the policy. Failed attempts are discarded.
+    The operator acts 0.2 s later than the policy and less precisely. Failed attempts are discarded.
     """
     with report_errors():
         _check_dataset_packages()
@@ -143,7 +145,7 @@ def _check_dataset_packages() -> None:
 
 
 def _print_training(dataset: Path) -> None:
-    """Print the command that trains a policy of LeRobot."""
+    """Print the command that trains a LeRobot policy with this dataset."""
     print_line("Train a policy with LeRobot")
     print_line(
         f"    lerobot-train --dataset.repo_id=avrgym/{dataset.name} --dataset.root={dataset} --policy.type=act "

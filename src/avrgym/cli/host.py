@@ -47,7 +47,8 @@ def host(
     sessions: Annotated[
         int | None,
         typer.Option(
-            help="Maximum number of concurrent sessions; by default, what the computers can run.", min=1
+            help="Maximum number of concurrent sessions; default: the measured capacity of the computers.",
+            min=1,
         ),
     ] = None,
     cluster: Annotated[
@@ -61,7 +62,8 @@ def host(
 ) -> None:
     """Host a study for participants at home: concurrent sessions.
 
-    Participants open the links of `study invite`. The file host.toml in the study's folder sets codes and time limits.
+    Participants open the links of `study invite`. Set codes and time limits in the file host.toml in the study's
+    folder.
     """
     from avrgym.hosting.host import Host
     from avrgym.study.storage.store import Store
@@ -96,7 +98,7 @@ def host(
 
 
 def _nodes(store: "Store", cluster: "Cluster | None") -> "RayNodes | None":
-    """Returns the nodes that run sessions; ``None`` without a cluster."""
+    """Returns the cluster nodes that run sessions; ``None`` if ``cluster`` is ``None``."""
     if cluster is None:
         return None
     from avrgym.hosting.cluster import RayNodes

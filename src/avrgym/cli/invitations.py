@@ -34,13 +34,14 @@ def invite(
         ),
     ] = None,
     places: Annotated[
-        int, typer.Option(help="Participants for each link; 1 makes single-use links.", min=1)
+        int,
+        typer.Option(help="Maximum number of participants for each link; 1: each link is valid once.", min=1),
     ] = 1,
     days: Annotated[float, typer.Option(help="Days until the links expire.")] = 14.0,
 ) -> None:
     """Create invitation links for participants at home.
 
-    The links are written once; the study stores only their checksums.
+    The links are written only now; the study stores only their checksums.
     """
     from avrgym.hosting.addresses import invitation_link, parse_public_address
     from avrgym.study.people.invitations import create_invitations
@@ -79,7 +80,7 @@ def invitations(
     address: Annotated[str, typer.Option(help="The study's public address, for --new-link.")] = "",
     json_file: JsonFileOption = None,
 ) -> None:
-    """List invitations with their numbers of uses."""
+    """List invitations, with the number of times that each link was used."""
     from avrgym.hosting.addresses import parse_public_address, participant_link
     from avrgym.study.people.invitations import close_invitation, list_invitations, replace_participant_token
     from avrgym.study.storage.store import Store
@@ -103,7 +104,7 @@ def invitations(
 
 
 def _read_labels(path: Path) -> list[str]:
-    """Returns the labels of a CSV file. Raises ``ValueError`` for a file without labels."""
+    """Returns the column ``label`` of a CSV file. Raises ``ValueError`` if the column or a label is missing."""
     with open(path, newline="", encoding="utf-8-sig") as file:
         rows = csv.DictReader(file)
         if "label" not in (rows.fieldnames or ()):

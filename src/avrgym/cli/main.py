@@ -31,7 +31,7 @@ app = Program(
 
 @app.callback()
 def prepare_command() -> None:
-    """Check the rendering backend before every command."""
+    """Check the rendering backend of MuJoCo before every command."""
     with report_errors():
         check_rendering_backend()
 

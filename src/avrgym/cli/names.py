@@ -40,7 +40,7 @@ def encrypt_names(
         bool, typer.Option("--passphrase", help="Use a passphrase instead of a key file.")
     ] = False,
 ) -> None:
-    """Encrypt the names with a new key or passphrase.
+    """Encrypt the participants' names with a new key or passphrase.
 
     The unencrypted file is removed after the encrypted file was verified. Names that are already encrypted are
     encrypted with the new key.
@@ -61,9 +61,9 @@ def encrypt_names(
 
 
 def unlock_identity_file(folder: Path) -> None:
-    """Ask for the passphrase of the identity file, if it is needed and not in the environment.
+    """Ask for the passphrase of the identity file, if it is needed and no environment variable contains it.
 
-    Without a terminal, the identity file stays locked.
+    Without a terminal, the identity file remains locked.
     """
     from avrgym.study.storage import identity_file, identity_keys
 
@@ -90,9 +90,9 @@ def print_name_encryption(folder: Path) -> None:
 
 
 def _new_passphrase(folder: Path) -> str:
-    """Returns a new passphrase from the environment.
+    """Returns a new passphrase from an environment variable.
 
-    If the environment contains none, or the current one, the passphrase is read from the terminal.
+    If the variable is missing, or contains the current passphrase, the new passphrase is read from the terminal.
     """
     from avrgym.study.storage import identity_file, identity_keys
 

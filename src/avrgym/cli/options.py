@@ -59,10 +59,10 @@ Cluster = Annotated[
 
 
 def select_environments(environments: list[str] | None, every: bool) -> list[str]:
-    """Returns the named environments, or all environments if ``every`` is true.
+    """Returns the ids of the given environments, or of all environments if ``every`` is true.
 
     Raises:
-        ValueError: without a name, or for an unknown name; the message lists the allowed names.
+        ValueError: if no environment is given, or for an unknown environment; the message lists the allowed names.
     """
     from avrgym.tasks.registry import ENVIRONMENTS, find_environment
 

@@ -34,26 +34,29 @@ def record_adverse_event(
     participant: PseudonymArgument,
     description: Annotated[str | None, typer.Option(help="What happened, without names.")] = None,
     severity: Annotated[
-        str | None, typer.Option(help="CTCAE: mild, moderate, severe, life-threatening or fatal.")
+        str | None, typer.Option(help="Severity (CTCAE): mild, moderate, severe, life-threatening or fatal.")
     ] = None,
     seriousness: Annotated[
         str | None,
         typer.Option(
-            help="ICH E2A: 'not serious', 'other medically important', 'congenital anomaly', disability, "
+            help="Seriousness (ICH E2A): 'not serious', 'other medically important', 'congenital anomaly', disability, "
             "hospitalisation, life-threatening or death."
         ),
     ] = None,
     relatedness: Annotated[
-        str | None, typer.Option(help="To the study: unrelated, unlikely, possible, probable or definite.")
+        str | None,
+        typer.Option(help="Relation to the study: unrelated, unlikely, possible, probable or definite."),
     ] = None,
     outcome: Annotated[
         str | None,
         typer.Option(
-            help="recovered, recovering, 'not recovered', 'recovered with sequelae', fatal or unknown."
+            help="Outcome: recovered, recovering, 'not recovered', 'recovered with sequelae', fatal or unknown."
         ),
     ] = None,
     action: Annotated[str | None, typer.Option(help="The action that was taken.")] = None,
-    trial: Annotated[int | None, typer.Option(help="The position of the trial in which it began.")] = None,
+    trial: Annotated[
+        int | None, typer.Option(help="The position of the trial in which the event began.")
+    ] = None,
     began: Annotated[
         datetime | None, typer.Option(help="Start of the event, in this computer's time zone; default: now.")
     ] = None,
@@ -67,7 +70,7 @@ def record_adverse_event(
         str, typer.Option(help="The person who records the event; default: the account of this computer.")
     ] = "",
 ) -> None:
-    """Record an adverse event, or a follow-up of one.
+    """Record an adverse event, or a follow-up of an adverse event.
 
     A follow-up needs only the changed fields. Earlier reports are not changed.
     """
@@ -99,7 +102,7 @@ def record_adverse_event(
 
 
 def _as_known(store: "Store", participant: str, event: int | None) -> dict[str, Any]:
-    """Returns default values of the fields of a report.
+    """Returns default values for the fields of an adverse event report.
 
     For a follow-up (``event`` is a number): the fields of the event's latest report. For a new event: the current time.
     """
@@ -176,7 +179,10 @@ def retention(
     folder: StudyFolderArgument,
     delete: Annotated[
         bool,
-        typer.Option("--delete", help="Delete data that are due. Without this option nothing is deleted."),
+        typer.Option(
+            "--delete",
+            help="Delete data after their retention period. Without this option, nothing is deleted.",
+        ),
     ] = False,
     json_file: JsonFileOption = None,
 ) -> None:
@@ -226,7 +232,7 @@ def retention(
 def participant_data(
     folder: StudyFolderArgument,
     participant: PseudonymArgument,
-    out: Annotated[Path, typer.Option(help="A new archive.", metavar="FILE.zip")],
+    out: Annotated[Path, typer.Option(help="A new ZIP archive.", metavar="FILE.zip")],
 ) -> None:
     """Write all data of one participant to an archive.
 
@@ -300,8 +306,8 @@ def change_input(
 ) -> None:
     """Show or change a participant's input profile.
 
-    Options that are not given keep their values. A new input method has its own default stop method. During a session,
-    use the dashboard instead.
+    Values of options that are not given do not change. A new input method has its own default stop method. During a
+    session, use the dashboard instead.
     """
     import msgspec
 
@@ -344,7 +350,7 @@ def change_input(
 
 
 def functioning(folder: StudyFolderArgument, participant: PseudonymArgument) -> None:
-    """Ask about functioning, devices and diagnosis.
+    """Ask a participant about functioning, assistive devices and diagnosis.
 
     The study's design must enable these questions. A participant can decline each question. New answers replace earlier
     answers.
@@ -433,10 +439,10 @@ def own_furniture(
         typer.Option("--set", help="Change a dimension, such as seat_height_m=0.52.", metavar="NAME=VALUE"),
     ] = None,
 ) -> None:
-    """Show or store dimensions of wheelchair and bed.
+    """Show or store dimensions of a participant's own wheelchair and bed.
 
-    In all later sessions of the participant, they replace the dimensions of study.toml and of the station. Names are
-    those of [furniture] in study.toml.
+    In all later sessions of the participant, these dimensions replace those of study.toml and of the station. The names
+    of dimensions are those of [furniture] in study.toml.
     """
     from msgspec.structs import asdict
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 StudyFolderArgument = Annotated[Path, typer.Argument(help="The study's folder.", metavar="DIR")]
 DEFAULT_EFFECT_SIZES = (0.5, 1.0, 1.5)
-"""Default effect sizes of ``power``, in points of a seven-point scale."""
+"""Default effect sizes of the command ``power``, in points of a seven-point scale."""
 
 
 def freeze(
@@ -93,7 +93,7 @@ def freeze(
 
 
 def _print_deposit(record: Path) -> None:
-    """Print instructions to prove the plan's date by a registration or a time stamp."""
+    """Print instructions for a proof of the plan's date: a registration or a time stamp."""
     from avrgym.study.plan.frozen_plan import sha256
 
     print_line(f"SHA-256   {sha256(record.read_bytes())}")
@@ -157,12 +157,13 @@ def power(
     ] = 0.5,
     task_sd: Annotated[float, typer.Option(help="Standard deviation between tasks, in points.")] = 0.5,
     noise_sd: Annotated[float, typer.Option(help="Residual standard deviation, in points.")] = 1.0,
-    drift: Annotated[float, typer.Option(help="Rise of ratings during a session, in points.")] = 0.5,
+    drift: Annotated[float, typer.Option(help="Increase of ratings during a session, in points.")] = 0.5,
     dropout: Annotated[
-        float, typer.Option(help="Share of participants who withdraw and are replaced.")
+        float, typer.Option(help="Share (0 to 1) of participants who withdraw and are replaced.")
     ] = 0.1,
     simulations: Annotated[
-        int, typer.Option(help="Simulated studies for each effect and number of participants.", min=1)
+        int,
+        typer.Option(help="Number of simulated studies for each effect and number of participants.", min=1),
     ] = 500,
     seed: Annotated[int, typer.Option(help="The same seed gives the same results.", min=0)] = 0,
     jobs: JobsOption = None,
@@ -170,7 +171,7 @@ def power(
 ) -> None:
     """Simulate the power of the study's tests.
 
-    The command simulates several numbers of participants and several effect sizes.
+    The power is estimated for several effect sizes and several numbers of participants.
     """
     from avrgym.analysis.power.power import default_sample_sizes, simulate_power
     from avrgym.analysis.power.simulated_studies import PowerAssumptions
@@ -204,7 +205,8 @@ def power(
 def frozen_at_and_deviations(
     store: "Store", left_out: "Sequence[ExcludedTrialFinding]" = ()
 ) -> "tuple[str | None, list[Finding]]":
-    """Returns the time of the plan's freezing (``None`` without a plan), and the deviations from the plan."""
+    """Returns the time at which the plan was frozen (``None`` without a frozen plan), and the deviations from the
+    plan."""
     from avrgym.study.plan.frozen_plan import read_frozen_plan
 
     frozen = read_frozen_plan(store)
@@ -236,9 +238,9 @@ def check_study_and_plan(store: "Store") -> "list[Finding]":
 
 
 def quality(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> None:
-    """Show the quality of answers and exclusions.
+    """Show answer quality and violated exclusion rules of each participant.
 
-    The rules are [[exclusion.rules]] of the frozen plan.
+    The exclusion rules are [[exclusion.rules]] of the frozen plan.
     """
     from avrgym.study.plan.exclusion_rules import answer_quality, violations
     from avrgym.study.plan.frozen_plan import read_frozen_plan

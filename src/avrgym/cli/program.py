@@ -15,10 +15,10 @@ STOP_SIGNALS = tuple(
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 )
 _INTERRUPTED = 130
-"""Typer's exit code after a ``KeyboardInterrupt``."""
+"""Exit code of Typer after a ``KeyboardInterrupt`` (Ctrl+C)."""
 MAX_SIGNALS = 3
-"""The first signal ends the program with clean-up. The second signal is ignored. The third ends the program
-immediately."""
+"""Number of the signal that ends the program immediately. The first signal ends the program with clean-up. The second
+signal is ignored."""
 EXTRA_BY_COMMAND = {
     "study": "study",
     "analyze": "study",
@@ -27,11 +27,12 @@ EXTRA_BY_COMMAND = {
     "host": "study",
     "sweep": "train,cluster",
 }
-"""Preferred extras by command. If one of them contains a missing package, its installation is suggested."""
+"""Extras of AVR Gym by command. If one of them contains a missing package, the error message suggests this extra."""
 
 
 class SignalHandler:
-    """Handles signals (Ctrl+C, SIGTERM, SIGHUP). Signals that are ignored at the start (``nohup``) stay ignored.
+    """Handles the signals of Ctrl+C, SIGTERM and SIGHUP. If the program starts with an ignored signal (``nohup``), this
+    signal remains ignored.
 
     ``received``: numbers of the received signals in order.
     """
@@ -40,7 +41,7 @@ class SignalHandler:
         self.received: list[int] = []
 
     def install_handlers(self) -> None:
-        """Install the handlers: the first signal raises ``KeyboardInterrupt``."""
+        """Install the signal handlers. The first signal then raises ``KeyboardInterrupt``."""
         for each in STOP_SIGNALS:
             if signal.getsignal(each) is not signal.SIG_IGN:
                 signal.signal(each, self._receive)
@@ -62,7 +63,7 @@ class CommandGroup(TyperGroup):
     """A group of commands. If a package is missing, it prints the command that installs the package."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command. Returns its result. Raises ``typer.Exit`` if a package is missing."""
+        """Run the command, and return its result. Raises ``typer.Exit`` if a package is missing."""
         try:
             return super().invoke(ctx)
         except ModuleNotFoundError as error:
@@ -100,7 +101,7 @@ def _is_broken_off(end: BaseException) -> bool:
 
 
 def _notes(end: BaseException) -> list[str]:
-    """Returns the notes of an interruption: the stored results, and how to continue."""
+    """Returns the notes of an interruption: the stored results, and the command that continues the work."""
     error: BaseException | None = end
     while error is not None:
         if isinstance(error, KeyboardInterrupt):

@@ -12,22 +12,22 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINE_INTERVAL_S = 10.0
-"""Minimum time between two lines of text in a file."""
+"""Minimum time in seconds between two lines of text in a file."""
 SAMPLE_INTERVAL_S, RATE_WINDOW_S = 1.0, 300.0
-"""Time between samples of the rate, and the time window of its average."""
+"""Time between samples of the completed work, and time window of the average rate, in seconds."""
 RESTART_HINT = "nothing was written; run the same command again"
 CONTINUE_HINT = "finished work is stored; the same command continues"
 Clock = Callable[[], float]
 
 
 class WorkRate:
-    """Rate of work, computed from samples of the completed amount."""
+    """Rate of work, computed from samples of the completed amount over a time window."""
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
     def add_sample(self, now_s: float, done: float) -> None:
-        """Add a sample: the completed amount ``done`` at time ``now_s``."""
+        """Add a sample: the completed amount ``done`` at the time ``now_s`` in seconds."""
         if len(self._samples) > 1 and now_s - self._samples[-2][0] < SAMPLE_INTERVAL_S:
             self._samples.pop()
         self._samples.append((now_s, done))
@@ -106,7 +106,7 @@ def progress_bar(
         label: name of the work.
         total: amount of work; ``None`` if it is unknown.
         unit: unit of the amount, such as ``steps``.
-        stopped: message after an interruption: the stored results, and how to continue.
+        stopped: message after an interruption: the stored results, and the command that continues the work.
         clock: a function that returns the time in seconds.
     """
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn

@@ -44,7 +44,8 @@ def replay(
         typer.Option(help="Render the recording to a new .gif file, for slides.", metavar="OUT.gif"),
     ] = None,
     frames: Annotated[
-        int | None, typer.Option(help="Write this number of images side by side to --out.", min=1, max=20)
+        int | None,
+        typer.Option(help="Write this number of images, side by side, to the file of --out.", min=1, max=20),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A new .png or .jpg file for --frames.", metavar="OUT.png")
@@ -138,7 +139,7 @@ def _read(file: Path) -> "Recording":
 
 
 def _fetch(file: Path) -> None:
-    """Download a recording of a study that is only in the study's object store."""
+    """Download the recording of a study from the study's object store, if there is no local file."""
     folder = file.absolute().parents[3] if len(file.absolute().parents) > 3 else file
     if not (folder / "study.toml").is_file():
         return

@@ -69,7 +69,9 @@ def serve(
     body: Annotated[
         str, typer.Option("--body", "--person", help=f"The body model: {' or '.join(SEXES)}.")
     ] = "woman",
-    trials: Annotated[int, typer.Option(help="Trials after each environment's practice trial.", min=1)] = 1,
+    trials: Annotated[
+        int, typer.Option(help="Number of trials after each environment's practice trial.", min=1)
+    ] = 1,
     seed: SeedOption = 0,
     seat_height: Annotated[
         float | None,
@@ -90,7 +92,7 @@ def serve(
         bool,
         typer.Option(
             "--check",
-            help="Check the headset first, for a minute, even if study.toml does not require it.",
+            help="Check the headset first, which takes a minute. Default: the setting of study.toml.",
         ),
     ] = False,
     reach: Annotated[
@@ -126,9 +128,8 @@ def serve(
 ) -> None:
     """Serve one participant's session to a headset.
 
-    For each environment the session has a practice trial, then trials with questions. For the folder of a study, the
-    server also has the experimenter's dashboard, where sessions are started. --participant starts a session
-    immediately.
+    For each environment, the session has a practice trial, then trials with questions. For the folder of a study, the
+    server also shows the experimenter's dashboard, which starts sessions. --participant starts a session immediately.
     """
     from concurrent.futures import ThreadPoolExecutor
 
@@ -208,8 +209,10 @@ def _serve_study(
     *,
     check: bool,
 ) -> None:
-    """Serve the dashboard and the sessions of a study. If ``participant`` is given, start this participant's
-    session."""
+    """Serve the dashboard and the sessions of a study.
+
+    If ``participant`` is given, start this participant's session.
+    """
     from avrgym.study.dashboard.application import dashboard_app
     from avrgym.study.dashboard.request_log import LivePageLog
     from avrgym.study.dashboard.tokens import StudyTokens
@@ -285,7 +288,7 @@ def _record(
 
 
 def _streams(choice: "StreamSettings") -> "AbstractContextManager[DeviceStreams | None]":
-    """Context manager: yields the requested streams, or ``None`` if no stream is requested."""
+    """Context manager: yields the selected streams of other devices; ``None`` if no stream is selected."""
     if not choice.send and not choice.receive:
         return nullcontext()
     try:
@@ -417,7 +420,7 @@ def view(
 ) -> None:
     """Show episodes of an environment in a browser.
 
-    The page shows reward, success and force, and can pause or skip an episode. With `--policy operator` you drive the
+    The page shows reward, success and force, and can pause or skip an episode. With `--policy operator`, you drive the
     robot on this page.
     """
     from avrgym.tasks.settings import parse_settings

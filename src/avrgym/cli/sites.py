@@ -1,4 +1,4 @@
-"""The command ``avrgym study merge``, and a table of the number of participants by site and trial order."""
+"""The command ``avrgym study merge``, and the table of participants by site and trial order."""
 
 from dataclasses import asdict
 from pathlib import Path
@@ -34,15 +34,13 @@ def merge(
     ] = False,
     skip_damaged: Annotated[
         bool,
-        typer.Option(
-            "--skip-damaged", help="Leave out recordings that are damaged or missing at their site."
-        ),
+        typer.Option("--skip-damaged", help="Omit recordings that are damaged or missing at their site."),
     ] = False,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Merge the studies of several sites into one.
+    """Merge the studies of several sites into one study.
 
-    A repeated merge adds new data of the sites. Names of participants remain at the sites.
+    Repeat the command to add new data of the sites. Names of participants are not copied.
     """
     from avrgym.study.merge.merging import merge_studies
     from avrgym.study.storage.store import Store

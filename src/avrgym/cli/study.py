@@ -60,7 +60,7 @@ PseudonymArgument = Annotated[str, typer.Argument(help="A pseudonym such as sub-
 
 @app.command()
 def new(folder: StudyFolderArgument) -> None:
-    """Write the paper's protocol to study.toml.
+    """Write a new study.toml with the paper's protocol.
 
     Edit the file before the first participant is enrolled. Its comments explain each field.
     """
@@ -127,7 +127,7 @@ def status(folder: StudyFolderArgument, json_file: JsonFileOption = None) -> Non
 
 
 def _row(participant: "ParticipantSummary") -> dict[str, Any]:
-    """Returns a participant's row of the table. Orders are numbered from 1."""
+    """Returns a participant's row of the status table. Trial orders are numbered from 1."""
     row = {{"cell": "order"}.get(name, name): value for name, value in asdict(participant).items()}
     return row | {"order": None if participant.cell is None else participant.cell + 1}
 
@@ -144,7 +144,8 @@ def enrol_participant(
     confirm_duplicate: Annotated[
         bool,
         typer.Option(
-            "--confirm-duplicate", help="Enrol although another participant has the same name or contact."
+            "--confirm-duplicate",
+            help="Enrol the person although another participant has the same name or contact.",
         ),
     ] = False,
     method: Annotated[
@@ -156,7 +157,7 @@ def enrol_participant(
 ) -> None:
     """Enrol a participant under a new pseudonym.
 
-    Each person takes part once. The command therefore rejects a name or contact that another participant has.
+    Each person takes part only once. The command therefore rejects the name or contact of another participant.
     """
     from avrgym.study.people.input_profiles import parse_profile
     from avrgym.study.people.participants import enrol_participant as take_in
@@ -198,7 +199,7 @@ def consent(
 
     The inclusion questions follow. If the answers meet the criteria, the participant is allocated to a trial order.
     After a new version of the consent text, participants must consent again. If a participant cannot consent alone,
-    store the consent of a representative (--by proxy) and the participant's assent (--by assent).
+    store two records: the consent of a representative (--by proxy), and the participant's assent (--by assent).
     """
     from avrgym.study.storage.store import Store
 
@@ -216,7 +217,7 @@ def consent(
 
 
 def _ask_for_consent(store: "Store", person: "Participant", by: str) -> bool:
-    """Ask for consent, and store it. Returns whether the consent is complete."""
+    """Ask for consent, and store the answer. Returns whether the consent is complete."""
     from avrgym.study.storage.states import check_transition
 
     check_transition("participant", person.pseudonym, person.state, "consented")
@@ -281,7 +282,7 @@ def withdraw(
 ) -> None:
     """Withdraw a participant.
 
-    This is final. A running session ends within a second.
+    A withdrawal is final. A running session of the participant ends within a second.
     """
     from avrgym.study.people.participants import withdraw as end_participation
     from avrgym.study.storage.store import Store
@@ -297,13 +298,13 @@ def confirm_participation(
     folder: StudyFolderArgument,
     participant: PseudonymArgument,
     evidence: Annotated[
-        str, typer.Option(help="Evidence without names, such as a signed form and its place.")
+        str, typer.Option(help="Evidence of the consent without names, such as a signed form and its place.")
     ],
 ) -> None:
-    """Confirm a participant's consent after a rebuild.
+    """Confirm that a participant takes part, after a rebuild of the database.
 
-    After a rebuild, the state of some participants is unknown. Confirm each participant with consent and without
-    withdrawal.
+    After `study rebuild`, the state of some participants is unknown. Confirm each participant who consented and did not
+    withdraw.
     """
     from avrgym.study.people.participants import confirm_participation as confirm_by
     from avrgym.study.storage.store import Store
@@ -328,7 +329,7 @@ def simulate(
 ) -> None:
     """Simulate the sessions of participants.
 
-    The sessions run in simulated time. A repeated command continues an earlier run.
+    The sessions run in simulated time. If the command is repeated, it continues the earlier simulation.
     """
     from avrgym.study.checking.summary import summarise_study
     from avrgym.study.sessions.simulation import simulate_study
@@ -359,7 +360,7 @@ def check(
     ] = False,
     json_file: JsonFileOption = None,
 ) -> None:
-    """Check that a study can run with complete data.
+    """Check a study before and during its sessions.
 
     The command loads all policies, and checks that stored data are complete and unchanged.
     """
@@ -419,12 +420,12 @@ def rebuild(folder: StudyFolderArgument) -> None:
 def export(
     folder: StudyFolderArgument,
     out: Annotated[Path, typer.Option(help="An empty or new folder for the export.")],
-    data_format: Annotated[str, typer.Option("--format", help="csv, bids, hdf5, lerobot or minari.")],
+    data_format: Annotated[
+        str, typer.Option("--format", help="Format of the export: csv, bids, hdf5, lerobot or minari.")
+    ],
     skip_damaged: Annotated[
         bool,
-        typer.Option(
-            "--skip-damaged", help="Leave out damaged and missing recordings; left_out.csv lists them."
-        ),
+        typer.Option("--skip-damaged", help="Omit damaged and missing recordings; left_out.csv lists them."),
     ] = False,
     free_text: Annotated[
         bool,
@@ -446,7 +447,7 @@ def export(
 ) -> None:
     """Export a study's data, pseudonymised.
 
-    Movements of head and hands may still identify a person.
+    The export contains movements of head and hands, which can identify a person.
     """
     from avrgym.study.export import export_study
     from avrgym.study.export.records import ExportOptions

@@ -1,4 +1,4 @@
-"""The command ``sweep``: many training runs on a cluster."""
+"""The command ``avrgym sweep``: many training runs on a cluster."""
 
 import shlex
 from dataclasses import asdict
@@ -23,13 +23,15 @@ from avrgym.cli.terminal import (
 def sweep(
     file: Annotated[
         Path | None,
-        typer.Argument(help="A TOML file of environments, steps, seeds, people, recipes.", metavar="[FILE]"),
+        typer.Argument(
+            help="A TOML file with environments, steps, seeds, people and recipes.", metavar="[FILE]"
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="A folder for the training runs; default: runs/NAME for NAME.toml.")
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the sweep in the folder, without a file.")
+        bool, typer.Option("--resume", help="Continue the sweep in the folder of --out, without FILE.")
     ] = False,
     cluster: Cluster = "local",
     jobs: JobsOption = None,
@@ -37,8 +39,8 @@ def sweep(
 ) -> None:
     """Run many training runs on a Ray cluster.
 
-    Every combination of seeds, recipes, people and environments is trained. Early stopping is optional. Needs
-    `avrgym[train,cluster]`.
+    The command trains a policy for every combination of seeds, recipes, people and environments. Install
+    `avrgym[train,cluster]` first.
     """
     with report_errors():
         check_json_file(json_file)

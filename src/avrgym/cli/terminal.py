@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _CONTROLS = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) not in "\n\t"}
 _AS_WIDE_AS_NEEDED = 100_000
 EMPTY_CELL_TEXT = "–"
-"""Text of a table cell without a value."""
+"""Text that a table cell without a value contains."""
 
 JsonFileOption = Annotated[
     Path | None, typer.Option("--json", help="Write the metrics to this file.", metavar="FILE")
@@ -49,7 +49,7 @@ def report_errors() -> Generator[None]:
 
 
 def _error_text(error: Exception) -> str:
-    """Returns the message of an error. For a system error: the file and the reason, without the error number."""
+    """Returns the message of an error. For a system error, the message contains the file and the reason."""
     if not isinstance(error, OSError) or error.strerror is None:
         return str(error)
     reason = error.strerror[:1].lower() + error.strerror[1:]
@@ -57,9 +57,9 @@ def _error_text(error: Exception) -> str:
 
 
 def check_json_file(path: Path | None) -> None:
-    """Raises ``ValueError`` if the JSON file cannot be written. Commands call this before long work.
+    """Raises ``ValueError`` if the JSON file cannot be written. Call it before long work.
 
-    The path must be that of a new file or of a regular file.
+    The path of a new file, or of an existing regular file, is allowed.
     """
     if path is None:
         return
@@ -83,7 +83,7 @@ def write_json(path: Path | None, metrics: list[dict[str, Any]] | dict[str, Any]
 def printable_text(text: str, encoding: str | None = None) -> str:
     """Returns the text with escaped control characters, except line breaks and tabs.
 
-    Characters that the encoding lacks are escaped too.
+    Characters that the encoding lacks are also escaped.
     """
     known = encoding or sys.stdout.encoding or "utf-8"
     return text.translate(_CONTROLS).encode(known, "backslashreplace").decode(known)
@@ -95,7 +95,7 @@ def print_line(text: str) -> None:
 
 
 def print_skipped(what: str, error: Exception) -> None:
-    """Prints one line on stderr: the item ``what`` that the command omits, and the reason."""
+    """Print a line on stderr with the item ``what`` that the command omits, and the reason."""
     reason = (
         str(error) if isinstance(error, ValueError | RuntimeError) else f"{type(error).__name__}: {error}"
     )
@@ -104,12 +104,12 @@ def print_skipped(what: str, error: Exception) -> None:
 
 
 def print_warning(text: str) -> None:
-    """Print a warning on stderr."""
+    """Print ``avrgym: warning:`` and the text on stderr."""
     typer.echo(printable_text(f"avrgym: warning: {text}", sys.stderr.encoding), err=True)
 
 
 def make_console(width: int | None = None) -> "Console":
-    """Returns a console of the package rich. It writes no control characters into files."""
+    """Returns a console of the package rich, which writes no control characters into files."""
     from rich.console import Console
 
     is_terminal = sys.stdout.isatty()
@@ -133,7 +133,7 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 
 def print_region_forces(forces: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> None:
-    """Print a table of contact forces by name and body region, see ``RegionStatistics``.
+    """Print a table of contact forces in newtons, by row name and body region; see ``RegionStatistics``.
 
     Regions without contact are omitted.
     """

@@ -1,4 +1,4 @@
-"""The command ``train``."""
+"""The command ``avrgym train``."""
 
 import shlex
 from collections.abc import Generator
@@ -55,7 +55,7 @@ RECIPE_OF_OPTION = {
     "--alternate": PAIR,
     "--own-reward": PAIR,
 }
-"""The recipe of each option that only one recipe accepts."""
+"""Recipe by option, for the options that only one recipe accepts."""
 NEW_RUN_OPTIONS = (
     "--config",
     "--num-envs",
@@ -171,7 +171,7 @@ def train(
 ) -> None:
     """Train a policy by imitation and PPO.
 
-    The command needs the extra `train`.
+    Install `avrgym[train]` first.
     """
     from avrgym.learning.hyperparameter_files import hyperparameters_text
     from avrgym.learning.preference_reward import read_preference_weights
@@ -267,7 +267,7 @@ def _check_together(recipe: str | None, given: list[str], *, resume: bool) -> No
 def _configuration(
     env: str, seed: int, recipe: str | None, config: Path | None, options: dict[str, Any]
 ) -> "AnyConfiguration":
-    """Returns the configuration of a new training run. For an option that is ``None``, the recipe's default is used."""
+    """Returns the configuration of a new training run. An option that is ``None`` has the recipe's default value."""
     from avrgym.learning.configuration import (
         JointTrainingSettings,
         RecurrentConfiguration,
@@ -316,7 +316,8 @@ def _configuration(
 
 
 def _stored(folder: Path, env: str, recipe: str | None) -> "AnyConfiguration":
-    """Returns the stored configuration of a training run. Raises ``ValueError`` if environment or recipe differ."""
+    """Returns the stored configuration of a training run. Raises ``ValueError`` if its environment or recipe differs
+    from the arguments."""
     from avrgym.learning.configuration import (
         RecurrentConfiguration,
         VisualConfiguration,

@@ -2,13 +2,14 @@
 
 People signal "yes" and "no" with symmetric, cyclic head movements; other head movements in conversations are mostly
 linear (Hadar et al., J. Nonverbal Behav. 9:214, 1985). A nod is therefore a number of swings in alternating directions
-about the lateral axis of the head. A shake is the same about its vertical axis. Thresholds are in
+about the lateral axis of the head. A shake consists of such swings about its vertical axis. Thresholds are in
 ``commands.preferences.GestureThresholds``; ``research/head_gestures.py`` measures false alarms and misses.
 
 - A turn of the head is a single swing. The turn back is another swing.
-- Swings about the other axes must be at most half as large. A person that looks around turns about several axes.
-- Swings slower than ``MIN_GESTURE_HZ`` or faster than ``MAX_GESTURE_HZ`` are ignored. Tremor of the head has 4 to 12 Hz
-  (Bhatia et al., Mov. Disord. 33:75, 2018).
+- Swings about the other axes must be at most half as large. A person that looks around rotates the head about several
+  axes.
+- Swings slower than ``MIN_GESTURE_HZ`` or faster than ``MAX_GESTURE_HZ`` are ignored. Tremor of the head has
+  frequencies of 4 to 12 Hz (Bhatia et al., Mov. Disord. 33:75, 2018).
 - Chewing moves the head at 0.94 to 2.17 Hz (Po et al., J. Dent. Res. 90:1206, 2011), but less than the smallest swing.
 """
 
@@ -26,7 +27,8 @@ second."""
 GESTURE_WINDOW_S = 1.5
 """Duration in seconds of the time window in which a gesture is detected."""
 MIN_GESTURE_HZ, MAX_GESTURE_HZ = 1.4, 3.5
-"""Minimum and maximum frequency of a nod or shake. Heads of simulated people follow a moving spoon at up to 1.2 Hz."""
+"""Minimum and maximum frequency of a nod or shake. The heads of simulated people follow a moving spoon at up to 1.2
+Hz."""
 MIN_SWING_AXIS_RATIO = 2.0
 """Minimum ratio of head rotation about the axis of a gesture to head rotation about the other axes."""
 MIN_GESTURE_PAUSE_S = 1.5
@@ -46,12 +48,12 @@ class HeadGestureDetector:
         self._quiet_until_s = np.full(heads, -np.inf)
 
     def update(self, q: FloatArray, time_s: float) -> dict[HeadGesture, BoolArray]:
-        """Process the current orientations. Returns masks (N,) of the heads that complete a gesture, by gesture.
+        """Process the current orientations. Returns by gesture a boolean mask (N,): heads that complete this gesture.
 
         Args:
             q: (N, 4) quaternions w, x, y, z, in any fixed frame. The head's x axis points to its side, its y axis up.
-            time_s: time of the measurement. A measurement within ``MIN_SAMPLE_INTERVAL_S`` of the previous one is
-                ignored.
+            time_s: time of the measurement. A measurement within ``MIN_SAMPLE_INTERVAL_S`` of the previous measurement
+                is ignored.
         """
         if time_s - self._latest_s < MIN_SAMPLE_INTERVAL_S - 1e-6:
             return {}
@@ -117,26 +119,30 @@ def find_swings(q: FloatArray, swing_rad: float) -> Swings:
 
 
 class GazeTimer:
-    """Measures how long each of N heads faces the tool (``facing_s``), or does not face it (``facing_away_s``)."""
+    """Timers (N,) in seconds of the time for which each of N heads faces the tool (``facing_s``) or does not
+    (``facing_away_s``)."""
 
     def __init__(self, thresholds: GestureThresholds, heads: int = 1) -> None:
         self._thresholds = thresholds
         self.facing_s, self.facing_away_s = np.zeros(heads), np.zeros(heads)
 
     def update(self, angle_rad: FloatArray, step_s: float) -> None:
-        """Update the timers. ``angle_rad`` (N,): angle between head direction and tool after a step of ``step_s``."""
+        """Update the timers after a step of ``step_s`` seconds. ``angle_rad`` (N,): angle between head direction and
+        tool."""
         facing = angle_rad <= np.radians(self._thresholds.gaze_deg)
         self.facing_s = np.where(facing, self.facing_s + step_s, 0.0)
         self.facing_away_s = np.where(facing, 0.0, self.facing_away_s + step_s)
 
     def detect_gaze(self) -> BoolArray:
-        """Returns a mask (N,) of the heads that have faced the tool for ``gaze_s``. Resets their timers."""
+        """Returns a boolean mask (N,): heads that have faced the tool for ``gaze_s``. Resets the timers of these
+        heads."""
         due = self.facing_s >= self._thresholds.gaze_s
         self.facing_s = np.where(due, 0.0, self.facing_s)
         return due
 
     def detect_gaze_away(self) -> BoolArray:
-        """Returns a mask (N,) of the heads that have not faced the tool for ``gaze_s``. Resets their timers."""
+        """Returns a boolean mask (N,): heads that have not faced the tool for ``gaze_s``. Resets the timers of these
+        heads."""
         due = self.facing_away_s >= self._thresholds.gaze_s
         self.facing_away_s = np.where(due, 0.0, self.facing_away_s)
         return due

@@ -1,4 +1,4 @@
-"""Names of the input methods of participants, and of their ways to stop the robot."""
+"""Names of the input methods and of the stop methods of participants."""
 
 from typing import Literal, get_args
 

@@ -13,9 +13,11 @@ from avrgym.commands.vocabulary import ROBOT_COMMANDS, CommandName, CommandSourc
 from avrgym.system.struct_values import convert_to_struct
 
 MIN_SPEED_FACTOR, MAX_SPEED_FACTOR, SPEED_FACTOR_STEP = 0.25, 1.25, 0.25
-"""Minimum and maximum speed factor, and its change by the commands ``slower`` and ``faster``."""
+"""Minimum and maximum factor of the policy's speed. The third value is its change by the commands ``slower`` and
+``faster``."""
 MIN_WAITING_DISTANCE_M, MAX_WAITING_DISTANCE_M, WAITING_DISTANCE_STEP_M = 0.05, 0.40, 0.05
-"""Minimum and maximum distance at the waiting pose, and its change by the commands ``closer`` and ``farther``."""
+"""Minimum and maximum distance in metres of the tool from the person at the waiting pose. The third value is its change
+by the commands ``closer`` and ``farther``."""
 DEFAULT_FORCE_SHARE = 0.5
 """Share of the quasi-static limits of ISO/TS 15066 at which the force guard retracts the arm by default."""
 
@@ -29,17 +31,17 @@ class GestureThresholds(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """Thresholds of nod, shake and gaze; see ``commands.head_motion``."""
 
     swing_deg: Annotated[float, Meta(ge=2, le=30)] = 6.0
-    """Minimum angle of a swing of the head, peak to peak."""
+    """Minimum angle of a swing of the head in degrees, peak to peak."""
     swings: Annotated[int, Meta(ge=2, le=6)] = 3
     """Minimum number of swings of a nod or shake, in alternating directions."""
     gaze_deg: Annotated[float, Meta(ge=5, le=45)] = 20.0
-    """Maximum angle between head direction and tool for gaze at the tool."""
+    """Maximum angle in degrees between head direction and tool for gaze at the tool."""
     gaze_s: Annotated[float, Meta(ge=0.5, le=5)] = 1.5
-    """Minimum duration of gaze at the tool, or away from it, that gives a command."""
+    """Minimum duration in seconds of gaze at the tool, or away from it, that gives a command."""
 
 
 class Preferences(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, kw_only=True):
-    """A participant's preferences. ``None``: the value of the condition.
+    """A participant's preferences for the robot. ``None``: the value of the condition applies.
 
     Attributes:
         speed: factor of the policy's speed.
@@ -129,7 +131,7 @@ class ConditionRules(
 
     @property
     def uses_pacing_layer(self) -> bool:
-        """Whether the control loop contains the pacing layer."""
+        """Whether the control loop contains the pacing layer, which executes commands."""
         return bool(self.commands) or self.preferences or self.defaults != DEFAULT_PREFERENCES
 
 
@@ -177,7 +179,7 @@ def apply_preferences(rules: ConditionRules, own: Preferences | None) -> TrialRu
 
 
 def find_contradiction(rules: TrialRules) -> str:
-    """Returns the first contradiction in the rules of a trial; empty without one."""
+    """Returns a text about the first contradiction in the rules of a trial; empty without a contradiction."""
     if not rules.commands:
         return (
             "" if not rules.sources else "the condition has sources but no commands; allowed: both or neither"

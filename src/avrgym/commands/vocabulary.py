@@ -6,11 +6,11 @@ from typing import Literal, get_args
 
 CommandName = Literal["ready", "wait", "slower", "faster", "closer", "farther", "other_side", "again", "stop"]
 HeadSource = Literal["nod", "shake", "gaze"]
-"""Sources that the server detects."""
+"""Sources of commands that the server detects from tracking."""
 ClientSource = Literal["dwell", "switch", "button", "key"]
-"""Sources that the participant's client reports."""
+"""Sources of commands that the participant's client reports."""
 OtherPersonSource = Literal["caregiver", "experimenter"]
-"""Sources that the pages of caregiver and experimenter report."""
+"""Sources of commands that the pages of caregiver and experimenter report."""
 CommandSource = HeadSource | ClientSource | OtherPersonSource
 """Source of a command: head gesture, gaze at or away from the tool, dwell on an icon, switch, button of page or
 gamepad, key, or another person."""
@@ -24,7 +24,7 @@ class RobotCommand:
     labels: Mapping[str, str]
 
     def label(self, language: str) -> str:
-        """Returns the label in a language such as ``de`` or ``de-AT``; English if there is none."""
+        """Returns the label in a language such as ``de`` or ``de-AT``; in English if the language has no label."""
         return self.labels.get(language.partition("-")[0], self.labels["en"])
 
 
@@ -66,5 +66,5 @@ COMMANDS_BY_LIMITED_SOURCE: Mapping[str, tuple[CommandName, ...]] = {
 
 
 def commands_of_source(source: CommandSource) -> tuple[CommandName, ...]:
-    """Returns the commands that a source can give."""
+    """Returns the names of the commands that a source can give."""
     return COMMANDS_BY_LIMITED_SOURCE.get(source, COMMAND_NAMES)

@@ -42,7 +42,7 @@ COMPUTER_CHECKS = (
 
 
 def run_checks(checks: tuple[Check, ...] = COMPUTER_CHECKS) -> Iterator[tuple[str, Finding]]:
-    """Yields the name and the finding of each check. An exception in a check becomes an error."""
+    """Yields the name and the finding of each check. If a check raises an exception, its finding is an error."""
     for check in checks:
         try:
             yield check.name, check.run()

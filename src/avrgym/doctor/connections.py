@@ -18,7 +18,7 @@ UFW_CONFIG_FILE = Path("/etc/ufw/ufw.conf")
 
 
 def check_browser() -> Finding:
-    """Returns the finding whether Playwright and Chromium are installed; `avrgym demo` needs them for images."""
+    """Check whether Playwright and Chromium are installed; `avrgym demo` needs them for images."""
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
@@ -37,7 +37,7 @@ def check_browser() -> Finding:
 
 
 def check_headset() -> Finding:
-    """Returns the finding whether a headset is connected by cable and allows USB debugging."""
+    """Check whether a headset is connected by cable and allows USB debugging."""
     program = shutil.which("adb")
     if program is None:
         return warning_finding(
@@ -62,7 +62,7 @@ def check_headset() -> Finding:
 
 
 def check_port(number: int) -> Finding:
-    """Returns the finding whether a server can listen on a port of this computer."""
+    """Check whether a server can listen on the port ``number`` of this computer."""
     try:
         open_listener(LOOPBACK_HOSTS[0], number).close()
     except ServerError as failure:
@@ -71,7 +71,7 @@ def check_port(number: int) -> Finding:
 
 
 def check_network(names: Sequence[str]) -> Finding:
-    """Returns the finding whether this computer has an address in the local network."""
+    """Check whether this computer has an address in the local network. ``names``: its addresses and host names."""
     if not any(re.fullmatch(r"[\d.]+", name) for name in names):
         return warning_finding(
             "this computer has no network address, so headsets cannot use --lan",
@@ -81,7 +81,7 @@ def check_network(names: Sequence[str]) -> Finding:
 
 
 def check_firewall(number: int, ufw: Path = UFW_CONFIG_FILE) -> Finding:
-    """Returns the finding whether no firewall blocks a port for headsets in the local network."""
+    """Check whether a firewall blocks the port ``number`` for headsets in the local network."""
     if ufw.is_file() and re.search(r"^ENABLED=yes", ufw.read_text(), re.MULTILINE):
         return warning_finding(
             "ufw is active and may block headsets with --lan",
@@ -105,7 +105,7 @@ def _succeeds(*command: str) -> bool:
 
 
 def check_certificate(expected: Certificate) -> Finding:
-    """Returns the finding whether the certificate of --lan is valid, and that other users cannot read its key."""
+    """Check whether the certificate of --lan is valid, and whether other users can read its key."""
     if not expected.certificate_file.exists():
         return ok_finding(f"none yet; --lan creates one in {expected.certificate_file.parent}")
     if any(exposed_paths(expected.key_file)):

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 FindingState = Literal["ok", "warning", "error"]
-"""``error``: a part of AVR Gym does not work on this computer. ``warning``: a part is limited."""
+"""State of a finding. ``error``: a part of AVR Gym does not work on this computer. ``warning``: a part is limited."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of a check: state, message, and instructions to fix the problem (empty if there is none)."""
+    """Result of a check: state, message, and instructions to fix the problem (empty without a problem)."""
 
     state: FindingState
     message: str
@@ -19,7 +19,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Check:
-    """A check of this computer. ``run`` returns the finding; it must not change the computer."""
+    """A check of this computer. ``run``: function that returns the finding, without changes to the computer."""
 
     name: str
     run: Callable[[], Finding]

@@ -17,11 +17,11 @@ TEST_SCENE_XML = (
 TEST_IMAGE_HEIGHT_PX, TEST_IMAGE_WIDTH_PX = 48, 64
 DRM_DEVICE_FOLDER = Path("/sys/class/drm")
 SOFTWARE_RENDERERS = ("llvmpipe", "softpipe", "swrast")
-"""Names of Mesa's software renderers."""
+"""Names of software renderers of Mesa. With them, rendering is slow."""
 
 
 def check_graphics_card() -> Finding:
-    """Returns the finding about the graphics card: its name, and whether the driver of an NVIDIA card responds."""
+    """Check the graphics card: its name, and whether the driver of an NVIDIA card responds."""
     program = shutil.which("nvidia-smi")
     if program is not None:
         return _nvidia(program)
@@ -44,7 +44,7 @@ def _nvidia(program: str) -> Finding:
 
 
 def check_rendering() -> Finding:
-    """Returns the finding whether MuJoCo can render an image, and with which renderer."""
+    """Check whether MuJoCo can render an image. The finding contains the renderer's name."""
     command = [sys.executable, "-m", "avrgym.doctor.graphics"]
     try:
         ran = subprocess.run(command, capture_output=True, text=True, timeout=PROCESS_TIMEOUT_S, check=False)
@@ -66,7 +66,7 @@ def _reason(ran: "subprocess.CompletedProcess[str]") -> str:
 
 
 def render_test_image() -> str:
-    """Render a red ball. Returns the renderer's name. Raises ``RuntimeError`` if the image shows no ball."""
+    """Render a red ball. Returns the renderer's name. Raises ``RuntimeError`` if the image contains no ball."""
     import mujoco
     from OpenGL import GL
 

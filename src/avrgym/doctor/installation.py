@@ -17,7 +17,8 @@ REPORTED_PACKAGES = ("mujoco", "numpy", "gymnasium")
 
 
 def check_python(installed: str, requirement: str | None = None) -> Finding:
-    """Returns the finding about the Python version. ``requirement``: such as ``>=3.11``; default: that of AVR Gym."""
+    """Check the Python version ``installed``. ``requirement``: such as ``>=3.11``; default: the requirement of AVR
+    Gym."""
     required = requirement or metadata("avrgym")["Requires-Python"]
     if SpecifierSet(required).contains(installed, prereleases=True):
         return ok_finding(f"{installed} on {platform.system()} {platform.machine()}")
@@ -28,7 +29,7 @@ def check_python(installed: str, requirement: str | None = None) -> Finding:
 
 
 def check_packages(requirements: Sequence[Requirement]) -> Finding:
-    """Returns the finding whether the installed packages meet requirements such as ``numpy>=2.0``."""
+    """Check whether the installed packages meet requirements such as ``numpy>=2.0``."""
     unmet = [each for each in requirements if _conflicting_version(each) is not None]
     if unmet:
         return error_finding(_list_unmet(unmet), _install(unmet))
@@ -64,9 +65,9 @@ def _applies(needed: Requirement, extra: str) -> bool:
 
 
 def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
-    """Returns the finding about installed extras. A package with a wrong version is a warning.
+    """Check the packages of the extras. If a package has a wrong version, the finding is a warning.
 
-    ``requirements``: requirements of each extra.
+    ``requirements``: required packages, by the name of the extra.
     """
     wrong = [each for required in requirements.values() for each in required if _conflicting_version(each)]
     if wrong:
@@ -82,7 +83,7 @@ def check_extras(requirements: Mapping[str, Sequence[Requirement]]) -> Finding:
 
 
 def check_browser_client() -> Finding:
-    """Returns the finding whether the pages of the browser client are installed."""
+    """Check whether the pages of the browser client are installed."""
     try:
         for page in CLIENT_PAGES:
             check_client_page(page)
@@ -92,7 +93,7 @@ def check_browser_client() -> Finding:
 
 
 def check_plugins() -> Finding:
-    """Returns the finding whether all plug-ins of other packages can be loaded."""
+    """Check whether all plug-ins of other packages can be loaded."""
     skipped = skipped_plugin_errors()
     if skipped:
         return warning_finding(
@@ -102,9 +103,9 @@ def check_plugins() -> Finding:
 
 
 def _conflicting_version(requirement: Requirement) -> str | None:
-    """Returns the installed version if it conflicts with the requirement.
+    """Returns the installed version of a package if it conflicts with the requirement.
 
-    Returns "" if the package is missing, and ``None`` without a conflict.
+    If the package is missing, returns "". Without a conflict, returns ``None``.
     """
     try:
         found = version(requirement.name)

@@ -24,7 +24,7 @@ from avrgym.vr.server.real_time_loop import REAL_TIME_PRIORITY, use_real_time_pr
 
 SLEEP_SAMPLE_COUNT = 20
 MAX_OVERSLEEP_SHARE = 0.2
-"""Maximum allowed oversleep as a share of a tick, see ``measure_oversleep_s``."""
+"""Maximum oversleep as a share of a tick. Oversleep: actual minus requested duration of a sleep."""
 BYTES_PER_TRIAL = 1_000_000
 """Size in bytes of the recording of a trial of 20 s. Recordings in ``tests/data/recordings-of-0.1.0`` have 0.8 to 1.0
 MB."""
@@ -32,7 +32,7 @@ WARNING_TRIAL_COUNT, ERROR_TRIAL_COUNT = 1000, 100
 
 
 def check_processor_count() -> Finding:
-    """Returns the finding whether there are at least two processors."""
+    """Check whether this computer has at least two processors, as live sessions need."""
     count = _processor_count()
     if count > 1:
         return ok_finding(f"{count}")
@@ -44,7 +44,7 @@ def _processor_count() -> int:
 
 
 def check_real_time_priority() -> Finding:
-    """Returns the finding whether the simulation's thread may have real-time priority."""
+    """Check whether the operating system allows real-time priority for the simulation's thread."""
     if sys.platform != "linux" or _processor_count() == 1:
         return ok_finding("not available on this system")
     with ThreadPoolExecutor(1) as thread:
@@ -75,7 +75,7 @@ def measure_oversleep_s() -> float:
 
 
 def check_sleep_precision(excess_s: float) -> Finding:
-    """Returns the finding whether sleeps are precise enough for ticks of 10 ms.
+    """Check whether sleeps are precise enough for ticks of 10 ms.
 
     ``excess_s``: result of ``measure_oversleep_s``.
     """
@@ -88,9 +88,9 @@ def check_sleep_precision(excess_s: float) -> Finding:
 def check_cpu_idle_states(
     driver: Path = cpu_idle.DRIVER_FILE, latency: Path = cpu_idle.LATENCY_FILE
 ) -> Finding:
-    """Returns the finding whether idle processors wake up quickly.
+    """Check whether idle processors wake up quickly.
 
-    In a virtual machine, this requires write access to ``latency``.
+    In a virtual machine, write access to the file ``latency`` is required.
     """
     if not driver.exists() or driver.read_text().strip() != cpu_idle.GUEST_IDLE_DRIVER:
         return ok_finding("idle processors wake immediately")
@@ -103,7 +103,7 @@ def check_cpu_idle_states(
 
 
 def check_open_file_limit(number: int | None = None) -> Finding:
-    """Returns the finding whether the maximum number of open files is enough for a server.
+    """Check whether the maximum number of open files is enough for a server.
 
     ``number``: the maximum number; default: the limit of this process.
     """
@@ -115,7 +115,7 @@ def check_open_file_limit(number: int | None = None) -> Finding:
 
 
 def check_folder_writable(folder: Path) -> Finding:
-    """Returns the finding whether files can be written and locked in a folder, or that the folder can be created."""
+    """Check whether files can be written and locked in a folder, or whether the folder can be created."""
     place = _existing_parent(folder)
     try:
         with TemporaryDirectory(prefix=".avrgym-doctor-", dir=place) as trial:
@@ -132,12 +132,12 @@ def check_folder_writable(folder: Path) -> Finding:
 
 
 def check_free_space(folder: Path) -> Finding:
-    """Returns the finding whether the folder's disk has space for the recordings of a study."""
+    """Check whether the folder's disk has enough space for the recordings of a study."""
     return check_free_bytes(shutil.disk_usage(_existing_parent(folder)).free)
 
 
 def check_free_bytes(free_bytes: int) -> Finding:
-    """Returns the finding whether a number of free bytes is enough for the recordings of a study."""
+    """Check whether this number of free bytes is enough for the recordings of a study."""
     trials = free_bytes // BYTES_PER_TRIAL
     text = f"{free_bytes / 1e9:.1f} GB free, enough for about {trials} trials"
     fix = "free disk space, or use another disk"

@@ -15,12 +15,12 @@ MAX_DROPPED_SHARE = 0.05
 MAX_LATENCY_MS = 100.0
 MIN_TRACKED_SHARE = 0.95
 MAX_JITTER_MM = {"head": 1.0, "controller": 2.0, "hand": 5.0}
-"""Maximum jitter by tracked device, mm. Cameras track a bare hand less precisely."""
+"""Maximum jitter by tracked device, in mm. It is larger for a bare hand, because cameras track it less precisely."""
 MIN_RENDERED_FRAMES = 30
 
 
 def is_headset_ready(check: HeadsetCheck) -> bool:
-    """Returns whether a session may begin."""
+    """Returns whether a session may begin: the headset has no fault."""
     return not find_headset_faults(check)
 
 
@@ -31,7 +31,8 @@ def find_headset_faults(check: HeadsetCheck) -> list[ParticipantText]:
 
 
 def result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
-    """Returns the result for the participant, with at most ``max_faults`` faults and the number of further faults."""
+    """Returns the text with the result for the participant: at most ``max_faults`` faults, and the number of further
+    faults."""
     found = find_headset_faults(check)
     if not found:
         return ParticipantText("headset_ready")
@@ -42,17 +43,17 @@ def result_message(check: HeadsetCheck, max_faults: int) -> ParticipantText:
 
 
 def result_text(check: HeadsetCheck) -> str:
-    """Returns the result for experimenters, with all faults."""
+    """Returns the result of the headset check as text for experimenters, with all faults."""
     return "Go: the headset is ready." if is_headset_ready(check) else f"No-go. {fault_text(check)}"
 
 
 def fault_text(check: HeadsetCheck) -> str:
-    """Returns all faults, in English."""
+    """Returns all faults of the headset check as English text."""
     return " ".join(ENGLISH_TEXTS.render(fault) for fault in find_headset_faults(check))
 
 
 def measurement_text(check: HeadsetCheck) -> str:
-    """Returns all measurements in one line."""
+    """Returns all measurements of the headset check as one line of text."""
     total = check.latency_ms.get("total_ms")
     return "; ".join(
         [

@@ -27,7 +27,8 @@ def has_all_stages(latency: Latency) -> bool:
 
 
 def percentiles_ms(latencies: Sequence[Latency]) -> dict[str, dict[str, float]]:
-    """Returns percentiles in milliseconds by stage, and of the total latency as ``total_ms``; empty without frames."""
+    """Returns percentiles in milliseconds for each stage, and for the total latency (``total_ms``); empty without
+    frames."""
     stages = {stage: np.array([ms for each in latencies for ms in getattr(each, stage)]) for stage in STAGES}
     if not stages[STAGES[0]].size:
         return {}

@@ -47,9 +47,9 @@ from avrgym.questionnaires.questionnaire import SESSION_QUESTION_MOMENTS, Item, 
 from avrgym.study.design.design import Design
 
 TEXT_LINE_HEIGHT = 0.55
-"""Height of a text line, relative to the height of a bar."""
+"""Height of a text line, in units of the height of a bar."""
 TEST_BRACKET_WIDTH_IN = 0.62
-"""Width of the bracket of a test, including the text of its result."""
+"""Width of the bracket of a test in inches, including the text of its result."""
 MAX_TEST_BRACKETS = 6
 """Maximum number of test brackets for one item. If an item has more tests, the figure contains no tests."""
 
@@ -57,7 +57,8 @@ MAX_TEST_BRACKETS = 6
 def trial_answer_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[ReportFigure]:
-    """Yields a figure for each questionnaire after trials: answers by policy, and tests (as in the paper)."""
+    """Yields a figure for each questionnaire after trials: distribution of answers by policy, and tests of the
+    paper."""
     for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL):
         own = [row for row in likert if (row.questionnaire, row.moment) == (questionnaire.name, AFTER_TRIAL)]
         groups = {policy: [row for row in own if row.policy == policy] for policy in design.policies}
@@ -72,7 +73,7 @@ def trial_answer_figures(
 def mean_answer_figures(
     design: Design, simulated: bool, rows: Sequence[AnswerSummaryRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[ReportFigure]:
-    """Yields a bar chart for each questionnaire after trials: mean answers by policy (Figure 8 of the paper)."""
+    """Yields a bar chart for each questionnaire after trials: mean answer to each item by policy (paper, Figure 8)."""
     for questionnaire in questionnaires_at_moment(design, AFTER_TRIAL):
         items = {item.id: item for item in questionnaire.items}
         own = [
@@ -96,20 +97,21 @@ def mean_answer_figures(
 def _differences(
     design: Design, questionnaire: Questionnaire, tests: Sequence[ComparisonRow]
 ) -> list[ComparisonRow]:
-    """Returns the tests between policies for a figure. Each participant has one value: the mean over trials."""
+    """Returns the tests between policies, by participant: each participant has one value, the mean over trials."""
     family = policy_comparison_question(design, questionnaire).family_name(PARTICIPANT_UNIT)
     return _shown(row for row in tests if row.family == family)
 
 
 def _shown(tests: Iterable[ComparisonRow]) -> list[ComparisonRow]:
-    """Returns the primary tests with at least ``MIN_PARTICIPANTS`` participants."""
+    """Returns the tests to draw: the primary tests with at least ``MIN_PARTICIPANTS`` participants."""
     return [row for row in tests if row.role == PRIMARY and row.n_a >= MIN_PARTICIPANTS]
 
 
 def session_answer_figures(
     design: Design, simulated: bool, likert: Sequence[LikertRow], tests: Sequence[ComparisonRow]
 ) -> Iterator[ReportFigure]:
-    """Yields a figure for each questionnaire about sessions: answers before and after, and tests of the change."""
+    """Yields a figure for each questionnaire about sessions: answers before and after the sessions, and tests of the
+    change."""
     for questionnaire in session_questionnaires(design):
         own = [row for row in likert if row.questionnaire == questionnaire.name]
         groups = {
@@ -193,12 +195,13 @@ def _likert_figure(
 
 
 def proxy_answer_note(by_proxy: int, answers: int) -> str:
-    """Returns a note with the number of answers that a proxy gave; empty if there are none."""
+    """Returns a note such as "3 of 40 answers by a proxy"; empty without answers by a proxy."""
     return f"{by_proxy} of {answers} answers by a proxy" if by_proxy else ""
 
 
 def _axis(axes: Axes, beside: float, label: str) -> None:
-    """Draw the x axis (share of answers). ``beside``: width of the space for tests, to the right of the bars."""
+    """Draw the x axis (share of answers, 0 to 1). ``beside``: width of the space for tests on the right, in units of
+    the axis."""
     axes.set(xlim=(-1.0, 1.04 + beside), xlabel=label)
     axes.set_xticks([-1.0, -0.5, 0.0, 0.5, 1.0], ["100", "50", "0", "50", "100"])
     axes.spines[["left", "bottom"]].set_visible(False)
@@ -221,13 +224,16 @@ def _caption(questionnaire: Questionnaire, unit: str, tested: bool) -> str:
 
 
 def _common_scale(questionnaire: Questionnaire) -> str:
-    """Returns a description of the response scale of all items; empty if the items have different scales."""
+    """Returns a text with the response scale of all items; empty if the items have different scales."""
     scales = dict.fromkeys(questionnaire.describe_scale(item) for item in questionnaire.items)
     return next(iter(scales)) if len(scales) == 1 else ""
 
 
 def _head(questionnaire: Questionnaire, item: Item, letters: int, common: str) -> str:
-    """Returns the item text in lines of at most ``letters`` characters. If ``common`` is empty, the scale is added."""
+    """Returns the item text in lines of at most ``letters`` characters.
+
+    If ``common`` (see ``_common_scale``) is empty, the text also contains the item's response scale.
+    """
     words = [f"{item.id}  {item.text}", *([] if common else [questionnaire.describe_scale(item)])]
     return "\n".join(line for each in words for line in wrap(each, letters))
 
@@ -240,14 +246,14 @@ def _bars(
     groups: Mapping[str, Sequence[LikertRow]],
     share_in: float,
 ) -> None:
-    """Draw a stacked bar of the answers to ``item`` for each group."""
+    """Draw a stacked bar of the answers to ``item`` for each group. ``top``: y coordinate of the first bar."""
     for place, rows in enumerate(groups.values()):
         own = sorted((row for row in rows if row.item == item.id), key=lambda row: row.value)
         _stack(axes, top + place, own, neutral, share_in)
 
 
 def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, share_in: float) -> None:
-    """Draw one stacked bar with the neutral value at x = 0. ``share_in``: length of a share of 1, in inches."""
+    """Draw one stacked bar with the neutral value at x = 0. ``share_in``: length in inches of a share of 1."""
     below = sum(row.share for row in rows if row.value < neutral)
     at = sum(row.share for row in rows if row.value == neutral)
     left = -(below + at / 2)
@@ -264,7 +270,7 @@ def _stack(axes: Axes, y: float, rows: Sequence[LikertRow], neutral: float, shar
 def _brackets(
     axes: Axes, top: float, groups: Sequence[str], tests: Sequence[ComparisonRow], width: float
 ) -> None:
-    """Draw a bracket with p value and stars for each tested pair of groups."""
+    """Draw a bracket with p value and significance stars for each tested pair of groups."""
     for index, row in enumerate(tests):
         first, second = (top + groups.index(group) for group in (row.group_b, row.group_a))
         x = 1.02 + width * index
@@ -275,9 +281,9 @@ def _brackets(
 
 
 BAR_ROW_WIDTH_IN = 4.2
-"""Width of a row of bars (all bars of one subplot)."""
+"""Width in inches of a row of bars (all bars of one subplot)."""
 MIN_BAR_WIDTH_IN = 0.34
-"""Minimum width of a bar. The mean is printed above the bar."""
+"""Minimum width of a bar in inches. The mean is printed above the bar."""
 
 
 def mean_answer_chart(
@@ -301,7 +307,7 @@ def mean_answer_chart(
 
 
 def _items_in_row(design: Design, items: Sequence[Item]) -> int:
-    """Returns the number of items that fit in a row of bars."""
+    """Returns the maximum number of items in a row of bars, at the minimum width of a bar."""
     item_in = max(
         MIN_BAR_WIDTH_IN * len(design.policies) / BAR_GROUP_WIDTH,
         CHARACTER_WIDTH_IN * (1 + max(len(item.id) for item in items)),

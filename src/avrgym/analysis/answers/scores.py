@@ -52,7 +52,8 @@ from avrgym.system.columns import Column
 class ScoreSummaryRow:
     """Summary of the analysed scores of one scale.
 
-    The scores are from trials with one policy, from before or after sessions, or they are changes over sessions.
+    The scores are from trials with one policy, from before sessions, or from after sessions. They can also be changes
+    over sessions.
     """
 
     simulated: IsSimulated
@@ -94,9 +95,9 @@ def score_summary_rows(design: Design, scores: Sequence[ScoreRow]) -> list[Score
 def score_test_families(design: Design, scores: Sequence[ScoreRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of every scale. The tests of one questionnaire form a family.
 
-    Scores after trials: the tests compare policies, paired within participant × task × robot. There is one family with
-    trials as the unit of analysis, and one with participants. Scores about sessions: the tests compare the scores after
-    and before sessions, paired within participant.
+    Scores after trials: the tests compare policies. A pair contains scores of one participant with the same task and
+    robot. In one family, the unit of analysis is the trial; in the other, the participant. Scores about sessions: the
+    tests compare each participant's scores after sessions with those before sessions.
     """
     families: list[ComparisonFamily] = []
     for simulated, questionnaire, own in _by_questionnaire(design, scores):
@@ -176,7 +177,7 @@ def _with_policy(rows: Sequence[ScoreRow], scale: str, policy: str) -> dict[Anal
 def _by_proxy(
     rows: Sequence[ScoreRow], scale: str, moments: Sequence[str], policy: str | None
 ) -> list[ScoreRow]:
-    """Returns the scores that are computed from at least one answer of a proxy."""
+    """Returns the rows with scores that are computed from at least one answer of a proxy."""
     return [
         row
         for row in rows

@@ -127,7 +127,7 @@ def _about_sessions(
 def _further(
     answers: Sequence[SessionAnswerRow], simulated: bool, questionnaire: Questionnaire, moment: str
 ) -> Markup:
-    """Returns the answers after breaks or of caregivers. They are summarised without tests."""
+    """Returns a summary of the answers after breaks, or of the answers of caregivers. It contains no tests."""
     wanted = (simulated, questionnaire.name, moment)
     rows = [row for row in answers if (row.simulated, row.questionnaire, row.moment) == wanted]
     if not rows:
@@ -168,7 +168,7 @@ def _quartiles(row: AnswerSummaryRow | SessionAnswerRow) -> tuple[int, int, str,
 
 
 def _brief_number(value: float) -> str:
-    """Returns the number as text without trailing zeros."""
+    """Returns the number as text without trailing zeros, such as "2.5"."""
     return f"{value:g}".replace("-", "−")
 
 

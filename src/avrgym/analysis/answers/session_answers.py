@@ -51,10 +51,10 @@ MOMENT_LABELS = {
 
 @dataclass(frozen=True, kw_only=True)
 class SessionAnswerRow:
-    """Summary of the analysed answers to one item at one moment, or of the change over sessions.
+    """Summary of the analysed answers to one item at one moment, or of their change over sessions.
 
-    Each participant has one value: the mean of several answers after breaks or of caregivers. The change is the answer
-    after sessions minus the answer before sessions. A participant without both answers has no change.
+    Each participant has one value. Several answers after breaks, or of caregivers, are averaged. The change is the
+    answer after sessions minus the answer before sessions. A participant without both answers has no change.
     """
 
     simulated: IsSimulated
@@ -72,7 +72,7 @@ class SessionAnswerRow:
 
 
 ValuesByMoment = Mapping[tuple[str, str], Mapping[str, float]]
-"""Value of each participant, by (moment, item or scale) and by pseudonym."""
+"""Values by (moment, item or scale), then by the participant's pseudonym."""
 
 
 def session_questionnaires(design: Design) -> list[Questionnaire]:
@@ -81,7 +81,7 @@ def session_questionnaires(design: Design) -> list[Questionnaire]:
 
 
 def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[SessionAnswerRow]:
-    """Returns summary rows of each item: before sessions, after sessions, for the change, and at further moments."""
+    """Returns summary rows of each item: before sessions, after sessions, change, after breaks, and of caregivers."""
     rows: list[SessionAnswerRow] = []
     for simulated, questionnaire, given in _asked(design, answers):
         for item, moment in product(questionnaire.items, (BEFORE, AFTER, CHANGE_LABEL)):
@@ -93,7 +93,8 @@ def session_answer_rows(design: Design, answers: Sequence[AnswerRow]) -> list[Se
 
 
 def further_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
-    """Returns the questionnaires after breaks and of caregivers with their moment, in the order of the design."""
+    """Returns (questionnaire, moment) for questionnaires after breaks and for caregivers, in the order of the
+    design."""
     return [
         (each, moment)
         for each in design.questionnaires
@@ -103,7 +104,7 @@ def further_questionnaires(design: Design) -> list[tuple[Questionnaire, str]]:
 
 
 def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[SessionAnswerRow]:
-    """Yields summary rows of the answers after breaks and of caregivers, first of people."""
+    """Yields summary rows of the answers after breaks and of caregivers: first people, then simulated participants."""
     for simulated, (questionnaire, moment) in product((False, True), further_questionnaires(design)):
         for item in questionnaire.items:
             given: dict[str, list[float]] = {}
@@ -116,7 +117,7 @@ def _further_rows(design: Design, answers: Sequence[AnswerRow]) -> Iterator[Sess
 
 
 def session_likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Returns the frequency of each value of each item, before and after sessions."""
+    """Returns a row with the frequency of each value of each item, before and after sessions."""
     return [
         row
         for simulated, questionnaire, _ in _asked(design, answers)
@@ -202,7 +203,10 @@ def _counted(answers: Sequence[AnswerRow], simulated: bool, moment: str, quantit
 def _participants_with_proxy(
     answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
 ) -> set[str]:
-    """Returns the participants with a value from an answer of a proxy. A change is computed from two answers."""
+    """Returns the pseudonyms of participants with at least one proxy answer to ``quantity`` at ``moment``.
+
+    For a change, these are the answers before and after sessions.
+    """
     moments = SESSION_QUESTION_MOMENTS if moment == CHANGE_LABEL else (moment,)
     given = [_counted(answers, simulated, each, quantity) for each in moments]
     known = set[str].intersection(*({row.participant for row in own} for own in given))

@@ -103,7 +103,7 @@ def answer_summary_rows(design: Design, answers: Sequence[AnswerRow]) -> list[An
 
 
 def likert_rows(design: Design, answers: Sequence[AnswerRow]) -> list[LikertRow]:
-    """Returns the frequency of each value of each item after trials, by policy."""
+    """Returns a row with the frequency of each value of each item after trials, by policy."""
     rows: list[LikertRow] = []
     for simulated, questionnaire in product(_groups(answers), questionnaires_at_moment(design, AFTER_TRIAL)):
         for item, policy in product(questionnaire.items, design.policies):
@@ -140,12 +140,12 @@ def value_frequencies(
 
 
 def answer_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[ComparisonFamily]:
-    """Returns the two tests of the paper, by trial (as in the paper) and by participant.
+    """Returns the two tests of the paper. The unit of analysis is the trial (as in the paper), or the participant.
 
-    Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale.
-    Test 2: for each item, policies are compared, paired within participant × task × robot. The tests of one
-    questionnaire form a family. Trials of one participant are not independent: if participants differ, p by trial is
-    too small. In tests by participant, each participant has one value: the mean over trials.
+    Test 1: for each policy, the first item after a trial (L1: success) is compared with the midpoint of its scale. Test
+    2: for each item, policies are compared. A pair contains answers of one participant with the same task and robot.
+    The tests of one questionnaire form a family. Trials of one participant are not independent: if participants differ,
+    the p value by trial is too small. In tests by participant, each participant has one value: the mean over trials.
     """
     families: list[ComparisonFamily] = []
     for simulated in _groups(answers):

@@ -86,7 +86,7 @@ class BodyTrials:
         return list(dict.fromkeys(task_posture(row.task) for row in self.trials))
 
     def trials_in_posture(self, posture: str) -> list[TrialRow]:
-        """Returns the trials in ``posture``."""
+        """Returns the trials in one posture: ``seated`` or ``in bed``."""
         return [row for row in self.trials if task_posture(row.task) == posture]
 
 
@@ -177,7 +177,7 @@ def _distribution(
 def measure_range_rows(groups: Sequence[BodyTrials]) -> list[MeasureRangeRow]:
     """Returns the ranges over all participants of torso height (by sex) and of waist angles.
 
-    Each waist angle has two ranges: the range of the mean angles of trials, and the range of all angles in trials.
+    Each waist angle has two ranges: of its means over trials, and of all its values in trials.
     """
     rows: list[MeasureRangeRow] = []
     for group in groups:

@@ -31,7 +31,10 @@ HISTOGRAM_BIN_WIDTH_M = 0.01
 
 
 def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) -> ReportFigure:
-    """Returns a figure of the distributions of torso heights. A marker below them is the height of one participant."""
+    """Returns a figure of the torso height distributions in the training populations.
+
+    Each marker below them shows the torso height of one participant.
+    """
     own = torso_heights(trials)
     trained = {
         name: [row.torso_height_m for row in people if row.population == name] for name in HEIGHT_POPULATIONS
@@ -68,7 +71,7 @@ def torso_height_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) 
 def head_position_figure(trials: BodyTrials, people: Sequence[SampledPersonRow]) -> ReportFigure:
     """Returns a figure of head positions from the front and from the side.
 
-    Points are means of trials, and people sampled from the training populations.
+    Points are mean head positions in trials, and head positions of people sampled from the training populations.
     """
     postures = trials.postures()
     with matplotlib.rc_context(MATPLOTLIB_STYLE):

@@ -27,7 +27,7 @@ def biomechanics_section(
 ) -> Markup:
     """Returns the report section: figures, ranges, tests and distributions.
 
-    They compare participants with training populations.
+    Each of them compares participants with training populations.
     """
     own_ranges = [row for row in ranges if row.simulated is simulated]
     if not own_ranges:

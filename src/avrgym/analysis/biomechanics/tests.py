@@ -47,9 +47,9 @@ def biomechanics_test_families(
 ) -> list[ComparisonFamily]:
     """Returns all tests of torso heights, then of head positions, for each group and posture.
 
-    The signed-rank test (as in the paper) pairs each trial with a person sampled for the same task. The choice of pairs
-    is arbitrary. The Mann-Whitney test compares unpaired samples: one value of each participant, and all sampled
-    people. The energy test does the same for three-dimensional head positions.
+    The signed-rank test (as in the paper) pairs each trial with a person sampled for the same task. The sampled person
+    of a pair is an arbitrary choice. The Mann-Whitney test compares unpaired samples: one value of each participant,
+    and all sampled people. The energy test compares the same samples for three-dimensional head positions.
     """
     return [family for group in groups for family in _families(group, people)]
 
@@ -130,7 +130,10 @@ def _against(
 def _partners(
     trials: Sequence[TrialRow], people: Sequence[SampledPersonRow], name: str
 ) -> list[SampledPersonRow]:
-    """Returns a sampled person of the same task for each trial, in order. After the last person, it starts again."""
+    """Returns a sampled person of the same task for each trial.
+
+    People are used in their order. After the last person, the first person is used again.
+    """
     drawn = {task: [row for row in people if (row.population, row.task) == (name, task)] for task in TASKS}
     taken = dict.fromkeys(TASKS, 0)
     partners: list[SampledPersonRow] = []

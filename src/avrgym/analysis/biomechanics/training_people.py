@@ -28,7 +28,7 @@ HeadCoordinate = Annotated[float, Column("Head centre on this axis of the world 
 
 @dataclass(frozen=True, kw_only=True)
 class SampledPersonRow:
-    """A person sampled from a training population."""
+    """Body, waist angles and head position of a person sampled from a training population."""
 
     simulated: IsSimulated
     population: Annotated[str, Column("The training population.")]
@@ -55,8 +55,8 @@ TRAINING_POPULATIONS: Mapping[str, PeopleDistribution] = {
 }
 """Training populations by name.
 
-The second population has the heights of Revised and the waist angles of Original. It separates the effects of heights
-and waist angles (as in the paper).
+The second population has the heights of Revised and the waist angles of Original. As in the paper, it separates the
+effect of heights from the effect of waist angles.
 """
 HEIGHT_POPULATIONS = ("original", "revised")
 """Names of the populations with different distributions of torso height."""
@@ -117,9 +117,9 @@ def _people(name: str, task: str, robot: str) -> list[SampledPersonRow]:
 
 
 def training_head_positions(people: Sequence[SampledPersonRow], name: str, posture: str) -> FloatArray:
-    """Returns the head positions (n, 3) of sampled people, in metres in the world frame.
+    """Returns the head positions (n, 3) of sampled people from one population, in metres in the world frame.
 
-    Selected are the people of population ``name`` in ``posture``.
+    ``name``: name of the population. ``posture``: only people in this posture are included.
     """
     return np.array(
         [head_position(row) for row in people if (row.population, row.posture) == (name, posture)]

@@ -19,11 +19,11 @@ POLICY_EFFECT, ROBOT_EFFECT, LEARNING_EFFECT, ORDER_EFFECT, CARRY_OVER_EFFECT = 
 )
 EFFECT_KINDS = (POLICY_EFFECT, ROBOT_EFFECT, LEARNING_EFFECT, ORDER_EFFECT, CARRY_OVER_EFFECT)
 TASK_EFFECT = "tasks"
-"""Kind of the task effects. They are nuisance effects: the models contain them, but the results do not."""
+"""Kind of effect: differences between tasks. The models contain these nuisance effects, but the results do not."""
 FIRST_TASK, LAST_TASK = "first task", "last task"
 FIRST_TRIAL, LAST_TRIAL = "first trial of a task", "last trial of a task"
 TrialGroup = tuple[str, str]
-"""A group of trials: (kind of effect, name of the group), such as ``("policies", "original")``."""
+"""Identifies a group of trials: (kind of effect, name of the group), such as ``("policies", "original")``."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class TrialValue:
 
     A block contains the trials of one task. ``block_position``: position of the block in the session, from 0 (first) to
     1 (last). ``position_in_block``: position of the trial in its block, from 0 to 1. ``previous_policy``: policy of the
-    previous trial (or practice trial) in the block; ``None`` if there is none.
+    previous trial (or practice trial) in the block; ``None`` for the first trial.
     """
 
     participant: str
@@ -56,7 +56,7 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class DesignMatrix:
-    """Design matrix (n, p) without intercept. ``column_groups``: kind of effect and group of trials of each column.
+    """Design matrix (n, p) of n trials without intercept. ``column_groups``: group of trials of each column.
 
     Reference groups have no column.
     """
@@ -94,7 +94,7 @@ def effects_of_interest(design: Design) -> tuple[Effect, ...]:
 
 
 def carry_over_group(policy: str) -> str:
-    """Returns the name of a group of trials: those immediately after a trial with ``policy``."""
+    """Returns the name of the group of trials that immediately follow a trial with ``policy``."""
     return f"after {policy}"
 
 
@@ -117,7 +117,7 @@ def design_matrix(design: Design, observed: Sequence[TrialValue]) -> DesignMatri
 def _candidates(
     design: Design, observed: Sequence[TrialValue]
 ) -> Iterator[tuple[TrialGroup, FloatArray | None]]:
-    """Yields (group, column) in order of importance. The column is ``None`` for reference groups."""
+    """Yields (group, column (n,)) in order of importance. The column is ``None`` for reference groups."""
     yield from _indicators(POLICY_EFFECT, design.policies, [each.policy for each in observed])
     yield from _indicators(ROBOT_EFFECT, design.robots, [each.robot for each in observed])
     yield from _indicators(TASK_EFFECT, design.tasks, [each.task for each in observed])
@@ -134,7 +134,7 @@ def _candidates(
 def _indicators(
     kind: str, groups: Sequence[str], given: Sequence[str | None]
 ) -> Iterator[tuple[TrialGroup, FloatArray | None]]:
-    """Yields (group, indicator column of 0 and 1). The first group is the reference group; its column is ``None``.
+    """Yields (group, indicator column (n,) of 0 and 1). The first group is the reference group; its column is ``None``.
 
     ``given``: group of each trial. A trial without a group has the value 1 / (number of groups) in each column.
     """

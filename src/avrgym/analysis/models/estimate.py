@@ -17,9 +17,9 @@ class ModelFitError(Exception):
 
 @dataclass(frozen=True)
 class EffectEstimate:
-    """Estimate of an effect: value, standard error, degrees of freedom, 95 % confidence interval and p (Student's t).
+    """Estimate of an effect: value, standard error, 95 % confidence interval, and p value of a t test.
 
-    ``note``: warnings about the model; empty without warnings.
+    ``df``: degrees of freedom of Student's t. ``note``: warnings about the model; empty without warnings.
     """
 
     value: float
@@ -32,8 +32,9 @@ class EffectEstimate:
 
     @classmethod
     def from_variance(cls, value: float, variance: float, df: float) -> "EffectEstimate":
-        """Returns an estimate with interval and p (Student's t). Raises ``ModelFitError`` if the variance is not above
-        0.
+        """Returns an estimate with 95 % confidence interval and p value by Student's t.
+
+        Raises ``ModelFitError`` if the variance is not above 0.
         """
         if not variance > 1e-16 * max(1.0, value**2):
             raise ModelFitError(
@@ -46,7 +47,7 @@ class EffectEstimate:
 
 
 class FittedModel(Protocol):
-    """A fitted regression model."""
+    """Interface of fitted regression models: estimates of linear combinations of the coefficients."""
 
     def estimate(self, contrast: FloatArray) -> EffectEstimate:
         """Returns the estimate of ``contrast @ coefficients``. ``contrast`` (p,): weight of each coefficient."""

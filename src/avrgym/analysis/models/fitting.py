@@ -23,12 +23,12 @@ from avrgym.study.design.design import Design
 ORDINAL_MODEL, LOGISTIC_MODEL, MIXED_MODEL = "ordinal", "logistic", "mixed"
 EstimateByEffect = Mapping[Effect, EffectEstimate | ModelFitError]
 RANDOM_EFFECT_BY_KIND = {POLICY_EFFECT: "policy", ROBOT_EFFECT: "robot"}
-"""Random effect by kind of effect: the effects of policies and robots can differ between participants."""
+"""Name of the random effect by kind of effect. The effects of policies and robots can differ between participants."""
 UNRELIABLE_P_NOTE = "p is unreliable: no variance of this effect between participants was found"
 
 
 def drop_constant_groups(model: str, observed: Sequence[TrialValue]) -> tuple[list[TrialValue], str]:
-    """Drop each task and robot with all values at the same end of the scale (complete separation).
+    """Drop each task and robot with only minimum values, or only maximum values, of the scale (complete separation).
 
     The effect of a dropped group would be unbounded. The group contains no information about other effects. For mixed
     models, no group is dropped.
@@ -109,12 +109,12 @@ def fit_model(model: str, observed: Sequence[TrialValue], names: DesignMatrix) -
 
 
 def _singular(zero_variances: Sequence[str]) -> str:
-    """Returns a warning with the names of random effects with zero variance; empty if there are none."""
+    """Returns a warning with the names of random effects with zero variance; empty if no variance is zero."""
     return f"singular: random effect at zero: {', '.join(zero_variances)}" if zero_variances else ""
 
 
 class _WithConstant:
-    """A fitted model with an intercept. Contrasts have no weight for the intercept. All estimates contain ``note``."""
+    """Adds an intercept to a fitted model: contrasts contain no weight for it. All estimates contain ``note``."""
 
     def __init__(self, fitted: FittedModel, note: str) -> None:
         self._fitted, self._note = fitted, note
@@ -126,7 +126,7 @@ class _WithConstant:
 def random_effect_labels(observed: Sequence[TrialValue]) -> dict[str, list[str]]:
     """Returns the labels (n,) by random effect: participant, and participant by policy, by robot and by task.
 
-    A random effect is omitted if its labels are equal to the participants, or if each value has a different label.
+    A random effect is omitted if its labels are equal to the participants, or if all labels differ.
     """
     whole = [each.participant for each in observed]
     finer = {

@@ -3,9 +3,9 @@
 y = X β + e. The covariance of the values in a cluster is Σ_a σ_a² G_a, with variance components σ_a² and known matrices
 G_a. The variances are estimated by restricted maximum likelihood (Patterson and Thompson, Biometrika 58, 1971) with
 Fisher scoring. A variance can be negative if all covariances remain positive definite. With a lower bound of zero,
-tests with few participants would have too many false positives. Standard errors and degrees of freedom are those of
-Kenward and Roger (Biometrics 53, 1997). For a single effect, the degrees of freedom are Satterthwaite's, and the
-variance is from the adjusted covariance.
+tests with few participants would have too many false positives. Standard errors and degrees of freedom are computed by
+the method of Kenward and Roger (Biometrics 53, 1997). For a single effect, the degrees of freedom are Satterthwaite's,
+and the variance is from the adjusted covariance.
 """
 
 from collections.abc import Sequence
@@ -70,7 +70,8 @@ class MixedModelFit:
 
 @dataclass(frozen=True, eq=False)
 class _Cluster:
-    """One cluster: values (n,), design matrix (n, p), and ``parts`` (v, n, n), the matrices G_a of the variances."""
+    """The n values of one cluster, their design matrix (n, p), and ``parts`` (v, n, n): the matrix G_a of each
+    variance."""
 
     values: FloatArray
     design_matrix: FloatArray
@@ -79,7 +80,7 @@ class _Cluster:
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """Restricted log-likelihood, score (v,), information (v, v) and estimates at given variances. See ``_state``."""
+    """Restricted log-likelihood, score (v,), information (v, v) and estimates at given variances (v,)."""
 
     likelihood: float
     score: FloatArray
@@ -150,7 +151,8 @@ def _part(grouping: FloatArray) -> FloatArray:
 
 
 def _maximise_likelihood(clusters: Sequence[_Cluster], count: int) -> tuple[_State, FloatArray]:
-    """Returns state and variances at the maximum of the restricted likelihood. ``count``: number of variances."""
+    """Returns state and variances (v,) at the maximum of the restricted likelihood. ``count``: number of variances
+    v."""
     variances = np.full(count, 0.5 / max(count - 1, 1))
     variances[-1] = 0.5
     state = _state(clusters, variances)
@@ -181,7 +183,7 @@ def _take_step(
 
 
 def _state(clusters: Sequence[_Cluster], variances: FloatArray) -> _State | None:
-    """Returns the state at these variances; ``None`` if a cluster's covariance is not positive definite.
+    """Returns the state at ``variances`` (v,); ``None`` if a cluster's covariance is not positive definite.
 
     W is the inverse of a cluster's covariance, G_a the matrix of variance a. ``singles`` is the sum of Xᵀ W G_a W X
     over clusters, ``pairs`` the sum of Xᵀ W G_a W G_b W X.

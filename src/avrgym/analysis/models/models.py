@@ -110,10 +110,10 @@ class ModelRow:
 
 
 MAX_ORDINAL_POINTS = 11
-"""Maximum number of scale points for an ordinal model. Answers on longer scales have a mixed model."""
+"""Maximum number of scale points for an ordinal model. For answers on longer scales, a mixed model is fitted."""
 SUCCESS, REWARD = "success", "reward"
 ANSWERS_TABLE, SCORES_TABLE, TRIALS_TABLE = "answers", "scores", "trials"
-"""Names of the tables with the values of a model group."""
+"""Names of the tables that contain the dependent variables of the models."""
 
 
 @dataclass(frozen=True)
@@ -243,9 +243,9 @@ def model_rows(design: Design, data: StudyData, plan: Plan | None = None) -> lis
 def model_group_rows(
     design: Design, source: ModelGroup, simulated: bool, values: Mapping[str, Sequence[TrialValue]]
 ) -> list[ModelRow]:
-    """Returns a row for each effect on the quantities of a model group, sorted by kind of effect.
+    """Returns a row for each effect on each quantity of a model group, sorted by kind of effect.
 
-    p is corrected by Holm's method within each kind of effect.
+    p values are corrected by Holm's method within each kind of effect.
     """
     found = [row for each in values.items() for row in _quantity_rows(design, source, simulated, *each)]
     rows: list[ModelRow] = []
@@ -318,7 +318,7 @@ def _estimated(row: ModelRow, found: EffectEstimate) -> ModelRow:
 
 
 def _with_leave_one_out(row: ModelRow, without: Sequence[EffectEstimate | ModelFitError]) -> ModelRow:
-    """Returns the row with minimum and maximum of estimate and p over the leave-one-participant-out models."""
+    """Returns the row with minimum and maximum of estimate and p value over the leave-one-participant-out models."""
     fitted = [each for each in without if isinstance(each, EffectEstimate)]
     if not fitted:
         return row

@@ -20,17 +20,17 @@ MAX_ITERATIONS = 60
 CONVERGENCE_TOLERANCE = 1e-12
 NOT_IDENTIFIED_TEXT = "not all effects are identifiable from the values"
 MAX_LOG_ODDS = 12.0
-"""Effects above this limit (in log odds) are considered unbounded: the groups are separated."""
+"""Effects above this limit (in log odds) are considered unbounded, because the groups are separated."""
 UNCORRECTED, KAUERMANN_CARROLL, MANCL_DEROUEN = 0.0, 0.5, 1.0
-"""Corrections of the covariance: exponents of (1 − leverage). The residuals are divided by this power."""
+"""Corrections of the covariance: residuals are divided by (1 − leverage) to the power of this exponent."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrdinalModelFit:
     """Fitted proportional odds model.
 
-    ``thresholds`` (k,): between categories. ``coefficients`` (p,), ``coefficient_covariance`` (p, p): coefficients and
-    their covariance. ``cluster_count``: number of clusters.
+    ``thresholds`` (k,): thresholds between categories, in log odds. ``coefficients`` (p,), ``coefficient_covariance``
+    (p, p): coefficients and their covariance. ``cluster_count``: number of clusters.
     """
 
     thresholds: FloatArray

@@ -97,7 +97,7 @@ def effect_text(row: ModelRow) -> str:
 
 
 def _ratio(value: float | None) -> str:
-    """Returns an odds ratio as text, with two decimals below 100 and none above."""
+    """Returns an odds ratio as text: with two decimals below 100, without decimals from 100."""
     if value is None:
         return "–"
     return (

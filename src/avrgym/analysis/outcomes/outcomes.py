@@ -166,7 +166,7 @@ def condition_outcome(
 
 
 def _by_participant(trials: Sequence[TrialRow]) -> list[list[bool]]:
-    """Returns a list for each participant: whether each trial was successful."""
+    """Returns a list for each participant, with the success of each trial."""
     ordered = sorted(trials, key=_participant_key)
     return [[bool(row.success) for row in own] for _, own in groupby(ordered, _participant_key)]
 
@@ -176,9 +176,9 @@ def _participant_key(row: TrialRow) -> tuple[bool, str, str]:
 
 
 def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | None, float | None]:
-    """Returns mean, and lower and upper bound of its 95 % confidence interval (Student's t).
+    """Returns (mean, lower bound, upper bound) with the 95 % confidence interval of the mean by Student's t.
 
-    All are ``None`` without values. The bounds are also ``None`` for one value or equal values.
+    Without values, all three are ``None``. For one value or equal values, both bounds are ``None``.
     """
     if not values:
         return None, None, None
@@ -189,7 +189,7 @@ def mean_with_interval(values: Sequence[float]) -> tuple[float | None, float | N
 def simulation_result(store: Store, environment: str, policy: str) -> SimulationResult:
     """Returns the results of a policy in simulation, with its training population.
 
-    They are read from the policy file. Training evaluates the policy and stores the results there.
+    The results are read from the policy file. They were stored there at the end of training.
     """
     try:
         source = store.policy_source(environment, policy)
@@ -213,7 +213,10 @@ def simulation_result(store: Store, environment: str, policy: str) -> Simulation
 
 
 def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
-    """Returns the success rate over all tasks if each task was evaluated. The result contains no reward."""
+    """Returns the success rate over all tasks, without reward.
+
+    If a task was not evaluated, the result contains only a note.
+    """
     rates = [(each.simulation_success_rate, each.simulation_episodes) for each in measured]
     if any(rate is None or episodes is None for rate, episodes in rates):
         return SimulationResult(simulation_note="not every task was evaluated in simulation")
@@ -232,7 +235,8 @@ def _over_tasks(measured: Sequence[SimulationResult]) -> SimulationResult:
 def _as_measured(
     people: str, episodes: int, rate: float, mean: float, deviation: float, trial_steps: int
 ) -> SimulationResult:
-    """Returns the results with confidence intervals. ``deviation``: standard deviation with divisor ``episodes``."""
+    """Returns simulation results with confidence intervals. ``deviation``: standard deviation of the reward, with
+    divisor ``episodes``."""
     sample_deviation = deviation * (episodes / max(episodes - 1, 1)) ** 0.5
     low, high = t_interval(mean, sample_deviation, episodes)
     success_low, success_high = wilson_interval(round(rate * episodes), episodes)
@@ -266,7 +270,7 @@ OBJECTIVE_MEASURES: Mapping[str, Callable[[TrialRow], float | None]] = {
     "reward": lambda row: row.reward,
     "force_mean_n": lambda row: row.force_mean_n,
 }
-"""Functions by name of the objective measure. Each returns the value of the measure in a trial."""
+"""Function of each objective measure, by the measure's name. It returns the value of the measure in a trial."""
 
 
 def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
@@ -281,7 +285,7 @@ def outcome_tests(design: Design) -> dict[str, tuple[str, ...]]:
 def outcome_test_families(design: Design, trials: Sequence[TrialRow]) -> list[ComparisonFamily]:
     """Returns Wilcoxon signed-rank tests of objective measures between policies.
 
-    Values are paired within participant × task × robot.
+    A pair contains values of one participant with the same task and robot.
     """
     if not outcome_tests(design):
         return []

@@ -53,9 +53,9 @@ TABLE_1_CELL_FUNCTIONS: Mapping[str, Callable[[ObjectiveOutcomeRow], PaperTableC
     "simulation": _in_simulation,
     "VR": _in_vr,
 }
-"""Functions by name of the half of Table I. Each returns the cell of a condition."""
+"""Function of each half of Table I, by the name of the half. It returns the cell of a condition."""
 PaperTableColumn = tuple[str, str, Callable[[ObjectiveOutcomeRow], PaperTableCell]]
-"""A table column: robot, policy, and a function that returns the cell of a condition."""
+"""A table column: (robot, policy, function that returns the cell of a condition)."""
 
 
 def paper_tables(design: Design, rows: Sequence[ObjectiveOutcomeRow]) -> Iterator[PaperTable]:
@@ -101,7 +101,7 @@ def _cells(
 
 
 def paper_csv_tables(tables: Sequence[PaperTable]) -> Iterator[Table]:
-    """Yields the tables in the form for CSV files: with separate columns for reward and success.
+    """Yields the tables for CSV files, with separate columns for reward and success.
 
     Rows of people are first, then rows of simulated participants.
     """

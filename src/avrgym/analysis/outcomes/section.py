@@ -99,7 +99,8 @@ def _simulation_cells(row: ObjectiveOutcomeRow) -> tuple[object, ...]:
 
 
 def _remarks(rows: Sequence[ObjectiveOutcomeRow]) -> Markup:
-    """Returns a bullet list of notes about simulation results. Each note is listed once, with all its conditions."""
+    """Returns a bullet list of notes about simulation results. Each note is listed once, with all conditions that have
+    it."""
     about: dict[str, list[str]] = {}
     for row in rows:
         if row.simulation_note:
@@ -108,7 +109,10 @@ def _remarks(rows: Sequence[ObjectiveOutcomeRow]) -> Markup:
 
 
 def _interval(mean: float | None, low: float | None, high: float | None, count: int) -> str:
-    """Returns mean and confidence interval as text. Without an interval, several values are marked as all equal."""
+    """Returns mean and confidence interval as text.
+
+    Several equal values have no interval; the text then contains "all equal".
+    """
     if mean is None:
         return "–"
     without = " (all equal)" if count > 1 else ""

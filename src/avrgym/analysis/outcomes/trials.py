@@ -122,7 +122,7 @@ def _answers(rows: Sequence[AnswerRow]) -> Markup:
 
 
 def _ends(row: AnswerRow) -> str:
-    """Returns the range of the answer scale as text; empty if the design does not contain the item."""
+    """Returns minimum and maximum of the response scale as text; empty if the design does not contain the item."""
     return "" if row.minimum is None else f" ({row.minimum} to {row.maximum})"
 
 

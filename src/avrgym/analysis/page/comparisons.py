@@ -16,7 +16,7 @@ from avrgym.analysis.statistics.comparisons import TRIAL_UNIT, ComparisonFamily,
 from avrgym.analysis.statistics.tests import MANN_WHITNEY
 
 TestTables = dict[str, Markup]
-"""Tables of tests, by caption. A report section that contains a table removes it from this dictionary."""
+"""Tables of tests, by caption. Each report section removes the tables that it contains."""
 
 
 def hypothesis_test_tables(families: Sequence[ComparisonFamily], simulated: bool) -> TestTables:
@@ -30,7 +30,7 @@ def hypothesis_test_tables(families: Sequence[ComparisonFamily], simulated: bool
 
 
 def other_tests_section(tests: TestTables) -> Markup:
-    """Returns a report section with all tables that are in no other section; empty if there are none."""
+    """Returns a report section with all tables that are in no other section; empty without such tables."""
     return tag("section", tag("h3", "Other tests"), *tests.values()) if tests else Markup()
 
 
@@ -71,15 +71,15 @@ def _table_of_tests(caption: str, rows: Sequence[ComparisonRow], simulated: bool
 
 
 def corrected_p_text(p_primary: float | None) -> str:
-    """Returns the corrected p of a primary result as text; a dash for ``None`` (other results)."""
+    """Returns the corrected p value of a primary result as text; a dash for ``None`` (other results)."""
     return "–" if p_primary is None else p_text(p_primary)
 
 
 def sample_size_text(row: ComparisonRow) -> str:
     """Returns the sample size as text.
 
-    Unpaired groups: the size of each group. Pairs: the number of differences, and the number of omitted zero
-    differences.
+    For unpaired groups, the text contains the size of each group. For pairs, it contains the number of differences, and
+    the number of omitted zero differences.
     """
     if row.n_a != row.n_b or row.test == MANN_WHITNEY:
         return f"{row.n_a} / {row.n_b}"
@@ -87,7 +87,7 @@ def sample_size_text(row: ComparisonRow) -> str:
 
 
 def corrected_p_with_stars(row: ComparisonRow) -> str:
-    """Returns corrected p and significance stars as text for a figure."""
+    """Returns the corrected p value and significance stars as text for a figure."""
     if row.p_primary is None:
         return "no test"
     shown = "p < 0.001" if row.p_primary < 0.001 else f"p = {row.p_primary:.3f}"

@@ -21,17 +21,17 @@ from avrgym.analysis.page.elements import Markup, figure, tag
 TEXT_COLOUR, BACKGROUND_COLOUR, LINE_COLOUR, WARNING = "#1c2024", "#ffffff", "#d5dae0", "#8a3b00"
 LINE_COLOURS = ("#0b62a8", "#b1560f", "#1b7a43", "#8b3a8f", "#6b6b00", "#b3263a")
 TEXT_ON_DARK_COLOUR, TEXT_ON_LIGHT_COLOUR = "#fffffe", "#1c2025"
-"""Text colours on dark and on light bars. They are equal in light mode and in dark mode."""
+"""Text colours on dark and on light bars. They are the same in light mode and in dark mode of the page."""
 _IN_PAGE = {
     TEXT_COLOUR: "currentColor",
     BACKGROUND_COLOUR: "none",
     LINE_COLOUR: "var(--rule)",
     WARNING: "var(--warning)",
 } | {colour: f"var(--line-{index})" for index, colour in enumerate(LINE_COLOURS, start=1)}
-"""CSS colours for a page, by the file colour that they replace."""
+"""CSS colours for a page, by the colour in the figure's file that they replace."""
 FIGURE_WIDTH_IN = 5.0
 CHARACTER_WIDTH_IN = 0.066
-"""Estimated width of a character in tick labels, legends and item texts; slightly above the mean width."""
+"""Estimated character width in inches in tick labels, legends and item texts; slightly above the mean width."""
 BAR_GROUP_WIDTH = 0.8
 """Width of a group of bars, divided by the distance between group centres."""
 MATPLOTLIB_STYLE: Any = {
@@ -71,7 +71,7 @@ class ReportFigure:
         return self._svg
 
     def to_pdf(self) -> bytes:
-        """Returns the contents of the PDF file. They contain no date; the bytes of equal figures are equal."""
+        """Returns the contents of the PDF file. The file contains no date: the bytes of equal figures are equal."""
         return self._saved("pdf", Creator=None, Producer=None, CreationDate=None)
 
     def write(self, folder: Path) -> None:
@@ -111,7 +111,8 @@ def add_legend(figure: Figure, columns: int) -> None:
 
 
 def label_x_ticks(axes: Axes, names: Sequence[str], width_in: float) -> None:
-    """Label the positions 0, 1, … of the x axis. Labels are vertical if their total width exceeds ``width_in``."""
+    """Label the positions 0, 1, … of the x axis. Labels are vertical if their total width exceeds ``width_in``
+    inches."""
     longest = CHARACTER_WIDTH_IN * (1 + max(map(len, names)))
     axes.set_xticks(range(len(names)), names, rotation=90 if longest * len(names) > width_in else 0)
 
@@ -122,7 +123,7 @@ def make_report_figure(
     """Returns the figure with its file name and caption.
 
     A figure of simulated participants is marked in the figure, in the file name and in the caption. ``note``: another
-    mark, in the figure and in the caption.
+    text, in the figure and in the caption.
     """
     marks = [*(["SIMULATED PARTICIPANTS"] if simulated else []), *([note] if note else [])]
     if marks:
@@ -133,7 +134,7 @@ def make_report_figure(
 
 
 ReportFigures = Mapping[str, ReportFigure]
-"""Figures by kind, such as "success"."""
+"""Figures by kind of figure, such as "success"."""
 
 
 def inline_figures(drawings: ReportFigures, *kinds: str) -> Markup:

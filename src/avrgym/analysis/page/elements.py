@@ -54,11 +54,14 @@ figure svg { display: block; width: 100%; height: auto; }
 
 
 class Markup(str):
-    """HTML source code. ``tag`` escapes all other texts, but not this type."""
+    """HTML source code. ``tag`` escapes all texts except those of this type."""
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Markup:
-    """Returns an HTML element. For attributes, use ``class_`` for class and ``aria_label`` for aria-label."""
+    """Returns an HTML element with escaped texts.
+
+    The keyword ``class_`` sets the attribute class, ``aria_label`` sets aria-label.
+    """
     content = "".join(child if isinstance(child, Markup) else escape(str(child)) for child in children)
     settings = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(str(value))}"' for key, value in attributes.items()
@@ -67,7 +70,7 @@ def tag(name: str, *children: Any, **attributes: Any) -> Markup:
 
 
 def join_markup(parts: Sequence[Markup]) -> Markup:
-    """Returns the concatenation of HTML elements."""
+    """Returns the concatenation of HTML elements, without separators."""
     return Markup("".join(parts))
 
 
@@ -91,7 +94,7 @@ def warning_box(strong: str, text: str) -> Markup:
 
 
 def badge(text: str) -> Markup:
-    """Returns a small coloured label."""
+    """Returns an HTML span with the text as a small coloured label."""
     return tag("span", text, class_="badge")
 
 
@@ -101,7 +104,7 @@ def definition_list(metrics: Mapping[str, Any]) -> Markup:
 
 
 def bullet_list(items: Sequence[Any]) -> Markup:
-    """Returns a bullet list."""
+    """Returns an HTML list with a bullet for each item."""
     return tag("ul", *(tag("li", item) for item in items))
 
 
@@ -148,7 +151,7 @@ def count_text(number: int, noun: str) -> str:
 
 
 def percent_text(rate: float | None, low: float | None, high: float | None) -> str:
-    """Returns a rate (0 to 1) as a percentage, with its confidence interval if there is one; a dash for ``None``."""
+    """Returns a rate (0 to 1) as a percentage, with its confidence interval if given; a dash for ``None``."""
     if rate is None:
         return "–"
     interval = "" if low is None or high is None else f" [{100 * low:.0f}, {100 * high:.0f}]"
@@ -156,13 +159,13 @@ def percent_text(rate: float | None, low: float | None, high: float | None) -> s
 
 
 def effect_size_text(effect: float | None, low: float | None, high: float | None) -> str:
-    """Returns an effect size as text, with its 95 % confidence interval if there is one."""
+    """Returns an effect size as text, with its 95 % confidence interval if given."""
     ends = "" if low is None or high is None else f" [{number_text(low)}, {number_text(high)}]"
     return number_text(effect, absent="–") + ends
 
 
 def p_text(p: float | None) -> str:
-    """Returns a p value as text with three decimals; "no test" for ``None``."""
+    """Returns a p value as text with three decimals; "no test" if ``p`` is ``None``."""
     if p is None:
         return "no test"
     return "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -15,7 +15,7 @@ CHART_WIDTH, CHART_HEIGHT = 460, 200
 LEFT_MARGIN, RIGHT_MARGIN, TOP_MARGIN, BOTTOM_MARGIN = 52, 8, 10, 38
 LINE_COLOUR_COUNT = 6
 LEGEND_LINE_HEIGHT = 16
-"""Height of one line of the legend below a chart."""
+"""Height of one line of the legend below a chart, in SVG units (pixels)."""
 
 
 def trial_charts(times_s: Sequence[float], steps: Sequence[Control], weights: Mapping[str, float]) -> Markup:
@@ -78,7 +78,7 @@ def _finite(times_s: Sequence[float], values: Sequence[float]) -> list[tuple[flo
 
 
 def _without_plateaus(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """Returns the points. A point is omitted if its value equals the values of both neighbours."""
+    """Returns the points. Points with the same value as both neighbours are omitted."""
     inner = zip(points, points[1:], points[2:], strict=False)
     kept = [here for before, here, after in inner if not before[1] == here[1] == after[1]]
     return [*points[:1], *kept, *points[1:][-1:]]
@@ -87,7 +87,7 @@ def _without_plateaus(points: list[tuple[float, float]]) -> list[tuple[float, fl
 def _axis(low: float, high: float) -> tuple[float, float, float]:
     """Returns lower limit, upper limit and tick distance of an axis from ``low`` to ``high``.
 
-    They are round numbers with about four ticks.
+    All three are round numbers. The axis has about four ticks.
     """
     span = max(high - low, 1e-3)
     power = 10.0 ** math.floor(math.log10(span / 4.0))

@@ -40,7 +40,7 @@ _STEPS = (1, 2, 3, 4, 5, 6, 8, 10, 12, 16)
 _LEAST_STEP = 4
 PValueOrNone = float | None
 PValuesByTest = Mapping[tuple[str, str], tuple[PValueOrNone, PValueOrNone]]
-"""(p, p after correction over all primary results), by (test, measure). ``None``: no test was possible."""
+"""(p value, p value corrected over all primary results), by (test, measure). ``None``: no test was possible."""
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,10 @@ class PowerRow:
     """Statistical power of one test of ``measure``.
 
     ``effect``: simulated effect size in points of a seven-point scale. ``participants``: number of participants that
-    complete each study. ``simulations``: number of simulated studies. ``power``: share of studies with p below 0.05.
-    ``corrected_power``: share of studies with p below 0.05 after correction over all primary results. The bounds are
-    Wilson's 95 % confidence intervals. p of models is not corrected, because models are sensitivity analyses.
+    complete each study. ``simulations``: number of simulated studies. ``power``: share of studies with a p value below
+    0.05. ``corrected_power``: share of studies with a p value below 0.05 after correction over all primary results. The
+    bounds are Wilson's 95 % confidence intervals. The p values of models are not corrected, because models are
+    sensitivity analyses.
     """
 
     effect: float
@@ -123,7 +124,7 @@ def simulate_power(
 
 
 SignificantStudyCounts = Mapping[tuple[str, str], tuple[int, int]]
-"""(number of studies with p below 0.05, number with corrected p below 0.05), by (test, measure)."""
+"""(number of studies with a p value below 0.05, number with a corrected p value below 0.05), by (test, measure)."""
 
 
 def power_rows(
@@ -178,11 +179,11 @@ def _is_significant(p: PValueOrNone) -> bool:
 def primary_p_values(
     design: Design, questionnaire: Questionnaire, answers: SimulatedAnswers, objective: FloatArray
 ) -> PValuesByTest:
-    """Returns p and corrected p of each reported test, with the methods of the analysis.
+    """Returns p value and corrected p value of each reported test, by the methods of the analysis.
 
     The reported tests compare answers to the first item with the last policy against the midpoint. They also compare
-    the answers to each item between the last and the first policy. ``objective`` (participants, policies, measures)
-    only affects the correction.
+    the answers to each item between the last and the first policy. ``objective`` (participants, policies, measures):
+    values of the objective measures. They only affect the correction.
     """
     exact: FloatArray = answers.mean(axis=(1, 2))
     means = np.round(exact, MEAN_DECIMALS)
@@ -200,7 +201,7 @@ def primary_p_values(
 
 
 PrimaryTestDifferences = tuple[tuple[str, str] | None, FloatArray]
-"""(test, measure), and the difference of each participant. ``None``: test without reported power."""
+"""((test, measure), difference of each participant) of a primary test. ``None``: the power is not reported."""
 
 
 def _primary(
@@ -253,7 +254,7 @@ def model_p_value(
     """Fit the model of the first item after trials, and test the last policy against the first policy.
 
     Returns:
-        The name of the test family, and p. p is ``None`` if the model cannot be estimated from the answers.
+        The name of the test family, and the p value: ``None`` if the model cannot be estimated from the answers.
     """
     source = next(model_groups(design))
     model = next(iter(source.model_by_quantity.values()))
@@ -270,7 +271,7 @@ def ordered_trial_values(
 ) -> list[TrialValue]:
     """Returns a ``TrialValue`` for each trial, in the trial order of each participant.
 
-    ``values``: (participants, tasks, robots, policies).
+    ``values`` (participants, tasks, robots, policies): value of each trial.
     """
     return [
         observed

@@ -14,19 +14,20 @@ from avrgym.study.design.design import Design
 from avrgym.system import random_streams
 
 SimulatedAnswers = NDArray[np.int_]
-"""Answers of participants who completed the study: (participants, tasks, robots, policies, items)."""
+"""Answers (participants, tasks, robots, policies, items) of the participants who completed the study."""
 REFERENCE_SCALE_POINTS = 7
-"""Reference scale: effects and standard deviations are in points of a seven-point scale. Other scales are rescaled."""
+"""Number of points of the reference scale. Effects and standard deviations are in points of this scale; values for
+other scales are proportional to their length."""
 
 
 @dataclass(frozen=True)
 class PowerAssumptions:
-    """Assumed variation of answers, as standard deviations in points of a seven-point scale.
+    """Assumed variation of answers. Standard deviations are in points of a seven-point scale.
 
-    ``participant_sd``: leniency of participants. ``policy_sd``: preference of a participant for a policy. ``task_sd``:
-    differences between tasks, equal for all participants. ``noise_sd``: residual. ``drift``: increase of the mean
-    rating from the first to the last trial of a session, in points. ``dropout``: share of participants who withdraw
-    and are replaced.
+    ``participant_sd``: differences between participants in mean rating. ``policy_sd``: differences between participants
+    in the policy effect. ``task_sd``: differences between tasks, equal for all participants. ``noise_sd``: residual.
+    ``drift``: increase of the mean rating from the first to the last trial of a session, in points. ``dropout``: share
+    of participants who withdraw and are replaced.
 
     The default values are not measured. They result in a standard deviation of answers of about 1.5 points.
     """
@@ -55,7 +56,7 @@ def scale_midpoint(item: Item) -> float:
 
 
 class SimulatedStudies:
-    """Simulated studies of one design. ``number`` is the index of a study.
+    """Generates simulated studies of one design. ``number`` is the index of a study.
 
     Study ``number`` has the same random values for each effect size. A larger study contains the participants of a
     smaller study with the same ``number``.

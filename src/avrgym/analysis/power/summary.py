@@ -28,7 +28,7 @@ def power_summary(
 def _required_numbers(assumptions: PowerAssumptions, rows: Sequence[PowerRow]) -> list[dict[str, Any]]:
     """Returns the required numbers of participants: completed (``participants``) and enrolled (``taken_in``).
 
-    Both are ``None`` if no simulated number is sufficient.
+    Both are ``None`` if no simulated number of participants is sufficient.
     """
     found: list[dict[str, Any]] = []
     for effect, test, measure in _tests(rows):
@@ -45,7 +45,7 @@ def _required_numbers(assumptions: PowerAssumptions, rows: Sequence[PowerRow]) -
 def terminal_table_rows(rows: Sequence[PowerRow]) -> list[dict[str, str]]:
     """Returns a row for each effect, test and measure.
 
-    It contains the corrected power by number of participants, and the required numbers of participants.
+    A row contains the corrected power by number of participants, and the required numbers of participants.
     """
     sizes = sorted({row.participants for row in rows if row.effect})
     return [
@@ -104,9 +104,9 @@ def describe_power(
 
 
 def min_p_value(participants: int) -> float:
-    """Returns the smallest possible p of a Wilcoxon signed-rank test with one value per participant.
+    """Returns the smallest possible p value of a Wilcoxon signed-rank test with one value per participant.
 
-    p after correction for multiple testing is not smaller.
+    Correction for multiple testing can only increase this p value.
     """
     return min(2.0 / 2.0**participants, 1.0)
 

@@ -24,7 +24,7 @@ from avrgym.study.design.description import describe_blinding, describe_conditio
 class ChecklistField:
     """A recommended field of a publication.
 
-    ``value``: empty if missing. ``source``: file or command that sets the value.
+    ``value``: text for the publication; empty if missing. ``source``: file or command that sets the value.
     """
 
     field: str

@@ -47,7 +47,7 @@ MethodsSections = Mapping[str, list[str]]
 
 
 def missing_text_placeholder(what: str) -> str:
-    """Returns a placeholder for a text that the author must write. ``what``: the topic of the text."""
+    """Returns a placeholder for a text that the author must add. ``what``: the topic of the text."""
     return f"[MISSING: {what}]"
 
 
@@ -83,7 +83,7 @@ def analysed_session_designs(analysis: StudyAnalysis, flow: ParticipantFlow) -> 
 
 
 def methods_markdown(title: str, sections: MethodsSections) -> str:
-    """Returns the methods section as Markdown text."""
+    """Returns the methods section as Markdown text, with the heading ``title``."""
     lines = [f"# {title}: methods"]
     for heading, paragraphs in sections.items():
         lines += ([f"## {heading}"] if heading else []) + paragraphs
@@ -220,7 +220,7 @@ def _withdrawal(design: Design) -> str:
 
 
 def _plugins(analysis: StudyAnalysis, flow: ParticipantFlow) -> Iterator[str]:
-    """Yields a sentence about the plug-ins in the recordings; yields nothing without plug-ins."""
+    """Yields a sentence about the plug-ins in the recordings of the group; yields nothing without plug-ins."""
     used = Counter(
         f"{each.plugin_label}: {each.recorded_version}"
         for each in analysis.study_data.plugins
@@ -309,7 +309,8 @@ def _questionnaire(asked: Questionnaire) -> str:
 
 
 def _versions(analysis: StudyAnalysis) -> Iterator[str]:
-    """Yields a sentence with each version of each changed item, and with the participants that answered it."""
+    """Yields a sentence for each changed item: each version of its text and scale, with the number of participants that
+    answered it."""
     changed = {base_name(row.item) for row in analysis.item_versions if row.version > 1}
     asked = [
         f"{row.item} (“{row.text}”, from {row.minimum}, {row.low}, to {row.maximum}, {row.high}) was answered by "
@@ -351,7 +352,7 @@ def _analysis(analysis: StudyAnalysis) -> Iterator[str]:
 def _other_corrections(analysis: StudyAnalysis) -> str:
     """Returns a text about the correction of models and unpaired tests; empty without a confirmatory plan.
 
-    Only with a plan, models and unpaired tests can be primary results.
+    Models and unpaired tests can be primary results only with a frozen plan.
     """
     if analysis.frozen_plan is None or analysis.frozen_plan.confirmatory_plan is None:
         return ""
@@ -374,8 +375,8 @@ def _deviations(analysis: StudyAnalysis) -> list[str]:
 
 
 def flow_for_publication(analysis: StudyAnalysis) -> ParticipantFlow | None:
-    """Returns the participant flow of people. In a study without people, returns the flow of simulated participants.
+    """Returns the participant flow of people, or of simulated participants in a study without people.
 
-    Returns ``None`` without participants.
+    In a study without participants, returns ``None``.
     """
     return next(iter(analysis.flows), None)

@@ -30,7 +30,8 @@ class PublicationTable:
 
 
 def publication_tables(analysis: StudyAnalysis, simulated: bool) -> Iterator[PublicationTable]:
-    """Yields the tables of one group that have rows. Captions of simulated participants are marked."""
+    """Yields the tables that have rows, of people or of simulated participants. Captions of the latter contain a
+    mark."""
     for table in (
         _participants_table,
         _functioning_table,
@@ -67,7 +68,8 @@ def _participants_table(analysis: StudyAnalysis, simulated: bool) -> Publication
 def _functioning_table(analysis: StudyAnalysis, simulated: bool) -> PublicationTable:
     """Returns the table of functioning, for people only.
 
-    Counts below five are suppressed. Counts that would allow to compute a suppressed count are suppressed, too.
+    Counts below five are suppressed. If a suppressed count can be computed from another count, the other count is also
+    suppressed.
     """
     rows = [] if simulated else [tuple(row.values()) for row in analysis.functioning if row["people"] != "0"]
     caption = (

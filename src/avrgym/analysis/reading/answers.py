@@ -52,7 +52,7 @@ class ParticipantAnswers:
             yield ScoreRow(counted=counted, **columns)
 
     def problems(self) -> Iterator[DataProblemRow]:
-        """Yields a problem for each moment (before or after sessions) with several answers to the same item."""
+        """Yields a data problem for each moment (before or after sessions) with several answers to the same item."""
         if self._participant.state not in ALLOCATED_STATES:
             return
         for moment in SESSION_QUESTION_MOMENTS:
@@ -80,8 +80,8 @@ def _is_of_trial(answer: ExportedAnswer, counted_positions: set[int]) -> bool:
 def _compared(answers: Sequence[ExportedAnswer]) -> set[int]:
     """Returns the ids of the analysed answers about sessions.
 
-    For each item, these are the latest answer after a session, and the latest answer before that session. Of answers
-    after breaks and of caregivers, all are analysed.
+    For each item, these are the latest answer after a session, and the latest answer before that session. All answers
+    after breaks and all answers of caregivers are analysed.
     """
     before, after = SESSION_QUESTION_MOMENTS
     ids = {answer.stored_answer.id for answer in answers if answer.moment in REPEATABLE_MOMENTS}

@@ -12,11 +12,11 @@ from avrgym.recording.schema import Pacing, RobotCommand
 from avrgym.system.columns import Column
 
 AGREEMENT_WINDOW_STEPS = 15
-"""Number of control steps after a command over which the robot's reaction is measured."""
+"""The robot's reaction to a command is measured over this number of control steps."""
 MIN_DISTANCE_CHANGE_M = 0.01
-"""Minimum change of the distance between tool and target. A smaller change is ignored."""
+"""Minimum change in metres of the distance between tool and target. A smaller change is ignored."""
 NEAR_TARGET_DISTANCE_M = 0.05
-"""Distance below which the tool is considered near the target: it cannot approach much further."""
+"""Distance in metres below which the tool is considered near the target."""
 _AVERAGE = "no command was given"
 
 
@@ -116,8 +116,8 @@ def _counts(names: list[str]) -> str:
 def _agrees(command: RobotCommand, pacing: list[Pacing]) -> bool:
     """Returns whether the robot's motion agrees with a command.
 
-    Approach commands: the tool approaches, or is near. Waiting commands: the tool does not approach. Speed commands:
-    the speed factor changes, or is at its limit.
+    After an approach command, the tool approaches the target, or is near it. After a waiting command, the tool does not
+    approach. After a speed command, the speed factor changes, or is at its limit.
     """
     after = pacing[command.step : command.step + AGREEMENT_WINDOW_STEPS]
     if not after:

@@ -27,7 +27,7 @@ from avrgym.study.export.rows import AttemptNumber
 from avrgym.system.columns import Column
 
 ALL_LABEL = "all"
-"""Label in the column task or robot: all tasks together, or all robots together."""
+"""Label in the columns ``task`` and ``robot``: all tasks together, or all robots together."""
 NOT_COMPLETED_TEXT = "the trial is not completed"
 NO_RECORDING_TEXT = "no complete recording contains it"
 _PARTICIPANTS, _TRIALS, _ATTEMPTS = (
@@ -91,7 +91,7 @@ class ParticipantColumns:
 
 @dataclass(frozen=True, kw_only=True)
 class ParticipantRow(ParticipantColumns):
-    """A participant. There are also rows for withdrawn participants."""
+    """State, body and progress of one participant. Withdrawn participants also have a row."""
 
     site_participant: Annotated[str | None, _PARTICIPANTS["site_participant"]] = None
     state: ParticipantState
@@ -118,7 +118,7 @@ class ParticipantRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class TrialRow(ParticipantColumns):
-    """A planned trial, with the outcome of its completed attempt. There are also rows for trials that were not run."""
+    """A planned trial, with the outcome of its completed attempt. Trials that were not run also have a row."""
 
     participant_state: ParticipantState
     sex: Sex
@@ -212,7 +212,7 @@ class AttemptRow(ParticipantColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class _AnswerColumns(ParticipantColumns):
-    """Columns with the session, moment, questionnaire and trial of an answer."""
+    """Columns of an answer or score: its session, moment, questionnaire and trial."""
 
     counted: IsAnalysed
     session: SessionNumber
@@ -262,7 +262,7 @@ class ScoreRow(_AnswerColumns):
 
 @dataclass(frozen=True, kw_only=True)
 class RewardTermRow(ParticipantColumns):
-    """One reward term, summed over a trial."""
+    """Sum of one reward term over the control steps of a trial."""
 
     position: TrialPosition
     term: Annotated[str, Column("Name of the reward term.")]

@@ -1,4 +1,4 @@
-"""Read the data of a study: participants, trials, attempts, answers, and recordings of completed trials."""
+"""Read the data of a study: participants, trials, attempts, answers and recordings of completed trials."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -51,7 +51,7 @@ NO_TIME_SERIES_TEXT = (
     f"{RESULTS_FROM_DATABASE_TEXT}; the trial is not in the biomechanics and has no time series"
 )
 UNUSED_TOPICS = ("/physics",)
-"""Topics of recordings that no table uses. They are most of a recording."""
+"""Topics of recordings that no table uses. They are not read, because they are most of a recording."""
 TrialKey = tuple[str, int]
 """Key of a trial: (pseudonym of the participant, position of the trial)."""
 
@@ -102,7 +102,7 @@ def read_study_data(
     Args:
         store: the study.
         progress: called after each recording with the number of read recordings and the total number.
-        skip_damaged: ignore recording files that were changed after the trial.
+        skip_damaged: whether to ignore recording files that were changed after the trial.
         answered_items: the answered items of the study. By default, they are read from ``store``.
 
     Raises:
@@ -225,8 +225,8 @@ def _trial(participant: Participant, trial: Trial, attempts: Sequence[ExportedAt
 def _read_recording(exported: ExportedAttempt, row: TrialRow, found: StudyData, *, changed: bool) -> TrialRow:
     """Returns the row of a trial with metrics from its recording.
 
-    Adds time series, reward terms and problems to ``found``. ``changed``: the file was changed after the trial; its
-    recording is then not used.
+    Adds time series, reward terms and problems to ``found``. ``changed``: whether the file was changed after the trial.
+    A changed file is not used.
     """
     row = replace(row, recording=exported.attempt.recording, **asdict(exported.attempt.metrics))
 
@@ -409,5 +409,5 @@ def _participant(store: Store, participant: Participant, found: StudyData) -> Pa
 
 
 def _sum_in_order(values: Iterable[float]) -> float:
-    """Returns the sum, added in order (as in the session). Since Python 3.12, ``sum`` rounds differently."""
+    """Returns the sum of the values, added in order as in the session. From Python 3.12, ``sum`` rounds differently."""
     return reduce(add, values, 0.0)

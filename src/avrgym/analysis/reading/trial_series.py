@@ -19,7 +19,7 @@ WAIST_JOINTS = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 
 @dataclass(frozen=True, eq=False)
 class BodySeries:
-    """Body posture at each control step. ``torso_height_m``: torso height of the body.
+    """Body posture at each of n control steps. ``torso_height_m``: torso height of the body model.
 
     ``head_centre_pos_w`` (n, 3): head centre in metres in the world frame. ``waist_angles_rad`` (n, 3): waist angles.
     """
@@ -31,7 +31,8 @@ class BodySeries:
 
 @dataclass(frozen=True, eq=False)
 class TrialSeries:
-    """Times (n,) and control steps (n,) of a trial, reward weights, and body posture (``None`` if missing)."""
+    """Time series of a trial: times (n,) in seconds, control steps (n,), reward weights, and body posture (``None`` if
+    missing)."""
 
     times_s: Sequence[float]
     control_steps: Sequence[Control]
@@ -87,7 +88,10 @@ def _body(recording: Recording, posture: Posture) -> BodySeries | None:
 
 
 def _targets_at(targets: Sequence[tuple[int, Any]], times_ns: Sequence[int]) -> FloatArray:
-    """Returns the latest joint targets (n, 20) at each time; before the first targets, the first targets."""
+    """Returns the latest joint targets (n, 20) in radians at each time.
+
+    Before the time of the first targets, the first targets are used.
+    """
     begins_ns = [time_ns for time_ns, _ in targets]
     present = np.maximum(np.searchsorted(begins_ns, times_ns, side="right") - 1, 0)
     return np.array([targets[int(index)][1].joint_targets for index in present])

@@ -35,7 +35,10 @@ from avrgym.system.columns import Column
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """A test of ``group_a`` against ``group_b``. With too few participants, the row contains medians, but no p."""
+    """A test of ``group_a`` against ``group_b``.
+
+    With fewer than ``MIN_PARTICIPANTS`` participants, the row contains medians, but no p value.
+    """
 
     simulated: IsSimulated
     family: columns.FamilyName
@@ -66,22 +69,22 @@ class ComparisonRow:
 
 TRIAL_UNIT, PARTICIPANT_UNIT = "trial", "participant"
 """Units of analysis. Trials of one participant are not independent. Tests by trial therefore have no significance
-stars; they are only for comparison with the paper."""
+stars. They serve only as a comparison with the paper."""
 PRIMARY, SENSITIVITY, SECONDARY, SUPPLEMENT = "primary", "sensitivity analysis", "secondary", "supplement"
 """Roles of results in the analysis."""
 MIN_PARTICIPANTS = 4
 """Minimum number of participants for a test or a model."""
 TOO_FEW_PARTICIPANTS_TEXT = f"fewer than {MIN_PARTICIPANTS} participants"
 GroupValues = tuple[str, Sequence[float]]
-"""A group: (name, values)."""
+"""A group of a comparison: (name of the group, its values)."""
 
 
 @dataclass(frozen=True)
 class ResearchQuestion:
     """A research question with a family of tests.
 
-    ``table_caption``: caption of the table of tests in the report. ``is_primary``: without a plan, the tests by
-    participant of this question are primary results.
+    ``table_caption``: caption of the table of tests in the report. ``is_primary``: whether the tests by participant of
+    this question are primary results without a plan.
     """
 
     name: str
@@ -136,7 +139,10 @@ def holm_corrected_family(
 
 
 def _without_small_test(test: Comparison) -> Comparison:
-    """Returns the comparison. With too few participants, it has no statistic, p and confidence interval."""
+    """Returns the comparison.
+
+    With fewer than ``MIN_PARTICIPANTS`` participants, statistic, p value and confidence interval are removed.
+    """
     if test.participant_count >= MIN_PARTICIPANTS:
         return test
     result = test.result
@@ -183,7 +189,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 MEAN_DECIMALS = 9
-"""Number of decimals of means over trials. Rounding removes differences by floating-point errors."""
+"""Number of decimals of means over trials. Rounding removes differences due to floating-point errors."""
 AnalysisUnitKey = tuple[str, ...]
 """Key of a value: (participant, task, robot) for trials, (participant,) for means of participants."""
 
@@ -196,8 +202,7 @@ def compare_policies(
 ) -> Comparison:
     """Returns a signed-rank test of the second policy against the first policy.
 
-    ``values``: values with the first policy, and with the second policy, by key. The first element of a key is the
-    participant.
+    ``values``: values with the first policy, and values with the second policy, by ``AnalysisUnitKey``.
     """
     first, second = policies
     a, b = values

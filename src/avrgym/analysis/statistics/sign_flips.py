@@ -1,10 +1,11 @@
 """Sign-flip permutation test. It controls the family-wise error rate of paired tests with the same participants.
 
 Null hypothesis: the joint distribution of the differences of a participant does not change if all signs are flipped.
-The statistics of all tests are computed for each combination of flips. p is the share of combinations with a maximum
-over tests that is at least the observed statistic (max-T: Westfall and Young, Resampling-Based Multiple Testing, 1993).
-Tests are corrected step-down, from the largest to the smallest observed statistic (Romano and Wolf, J. Am. Stat. Assoc.
-100, 2005). The correction accounts for dependence between tests. It is therefore more powerful than Holm's correction.
+The statistics of all tests are computed for each combination of flips. For each combination, the maximum statistic over
+all tests is determined. The p value of a test is the share of maxima that reach its observed statistic (max-T: Westfall
+and Young, Resampling-Based Multiple Testing, 1993). Tests are corrected step-down, from the largest to the smallest
+observed statistic (Romano and Wolf, J. Am. Stat. Assoc. 100, 2005). The correction accounts for dependence between
+tests. It is therefore more powerful than Holm's correction.
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,14 +19,14 @@ from avrgym.array_types import FloatArray
 from avrgym.system import random_streams
 
 MAX_EXACT_PARTICIPANTS = 14
-"""Maximum number of participants for the exact test. It uses all combinations of signs."""
+"""Maximum number of participants for the exact test, which uses all combinations of signs."""
 RANDOM_FLIP_COUNT = 9_999
-"""Number of random sign combinations if there are more participants. The observed combination is added."""
+"""Number of random sign combinations for more participants. The observed combination is added."""
 STATISTIC_TOLERANCE = 1e-9
 
 
 def sign_flip_p_values(differences: Sequence[Mapping[str, float]]) -> list[float | None]:
-    """Returns corrected p of each signed-rank test; ``None`` if all differences of a test are zero.
+    """Returns the corrected p value of each signed-rank test; ``None`` if all differences of a test are zero.
 
     Args:
         differences: for each test, the differences by participant. Participants without a value are omitted.
@@ -55,9 +56,9 @@ def signed_ranks(differences: Sequence[Mapping[str, float]]) -> FloatArray:
 
 @cache
 def sign_flips(participants: int) -> FloatArray:
-    """Returns sign combinations (combinations, participants), the observed one first.
+    """Returns signs ±1 (combinations, participants). The first row contains the observed signs.
 
-    The exact test uses only one of two opposite combinations, because statistics are absolute values.
+    The exact test uses one of two opposite combinations, because opposite signs give the same absolute statistics.
     """
     if participants > MAX_EXACT_PARTICIPANTS:
         drawn = random_streams.sign_flip_generator().integers(0, 2, (RANDOM_FLIP_COUNT, participants))
@@ -68,7 +69,7 @@ def sign_flips(participants: int) -> FloatArray:
 
 
 def step_down_p_values(statistics: FloatArray) -> FloatArray:
-    """Returns corrected p (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
+    """Returns corrected p values (tests,) from ``statistics`` (combinations, tests). Row 0: observed statistics."""
     observed = statistics[0]
     order = np.argsort(-observed, kind="stable")
     found = np.zeros(len(order))

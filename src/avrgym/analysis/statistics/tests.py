@@ -1,7 +1,7 @@
 """Rank tests, corrections for multiple testing, and confidence intervals. All tests are two-sided.
 
-SciPy functions are used if available. This module implements exact p values with ties, rank-biserial effect sizes,
-Holm's correction and the multivariate energy test.
+SciPy computes exact p values without ties, and normal approximations. This module implements exact p values with ties,
+rank-biserial effect sizes, Holm's correction and the multivariate energy test.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from avrgym.learning.evaluation import wilson_interval
 from avrgym.system import random_streams
 
 MAX_EXACT_SIGNED_RANK_N = 50
-"""Maximum number of differences for an exact signed-rank test. Floats represent counts up to 2**50 exactly."""
+"""Maximum number of differences for an exact signed-rank test. Counts up to 2**50 are exact as floats."""
 MAX_EXACT_RANK_SUM_N = 8
 """Maximum size of the smaller sample for an exact rank-sum test."""
 PERMUTATION_COUNT = 9_999
@@ -51,10 +51,10 @@ class StatisticalTestResult:
     """Result of a statistical test.
 
     ``test_name``: name of the test. ``sample_size``: number of values or differences. ``zero_differences``: number of
-    omitted zero differences. ``method``: method for p. ``p``: ``None`` if no test was possible; ``note`` then contains
-    the reason. ``effect_size``: rank-biserial correlation in [−1, 1], with 95 % confidence interval. For the energy
-    test, ``effect_size`` is the energy distance divided by twice the mean distance between samples (0 to 1), without
-    interval.
+    omitted zero differences. ``method``: method of the p value. ``p``: p value; ``None`` if no test was possible;
+    ``note`` then contains the reason. ``effect_size``: rank-biserial correlation in [−1, 1], with 95 % confidence
+    interval. For the energy test, ``effect_size`` is the energy distance divided by twice the mean distance between
+    samples (0 to 1), without interval.
     """
 
     test_name: str
@@ -74,10 +74,10 @@ def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
 
     Null hypothesis: the differences are symmetric around zero.
 
-    Zero differences are omitted, as in Wilcoxon's paper. Ties get their mean rank. For at most
-    ``MAX_EXACT_SIGNED_RANK_N`` differences, p is exact: all combinations of signs are equally probable. For more
-    differences, p is SciPy's normal approximation with tie correction and without continuity correction. The statistic
-    is the smaller rank sum; the effect is (W₊ − W₋) / (W₊ + W₋).
+    Zero differences are omitted, as in Wilcoxon's paper. Ties have their mean rank. For at most
+    ``MAX_EXACT_SIGNED_RANK_N`` differences, the p value is exact: all combinations of signs are equally probable. For
+    more differences, the p value is SciPy's normal approximation with tie correction, without continuity correction.
+    The statistic is the smaller rank sum; the effect size is (W₊ − W₋) / (W₊ + W₋).
     """
     given = np.asarray(differences, float)
     used = given[given != 0.0]
@@ -101,7 +101,7 @@ def signed_rank_test(differences: ArrayLike) -> StatisticalTestResult:
 
 
 def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
-    """Returns exact p: twice the share of sign combinations with a sum of positive ranks of at most ``smaller``.
+    """Returns the exact p value: twice the share of sign combinations with a positive rank sum of at most ``smaller``.
 
     ``ways[s]``: number of sign combinations of the previous ranks with doubled sum s. Doubled mean ranks are integers.
     """
@@ -115,12 +115,13 @@ def _exact_signed_rank(ranks: FloatArray, smaller: float) -> float:
 
 
 def rank_sum_test(a: ArrayLike, b: ArrayLike) -> StatisticalTestResult:
-    """Returns the Mann-Whitney U test (Ann. Math. Stat. 18, 1947): are the values of one sample larger?
+    """Returns the Mann-Whitney U test (Ann. Math. Stat. 18, 1947). Null hypothesis: both samples have the same
+    distribution.
 
-    p is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM_N`` values: all divisions of the ranks into two
-    samples are equally probable, and ties get their mean rank. Without ties, SciPy computes the exact p. Otherwise p is
-    SciPy's normal approximation with tie and continuity correction. The statistic is U of ``a``. The effect 2 U / (n m)
-    − 1 is positive if ``a`` is larger.
+    The p value is exact if the smaller sample has at most ``MAX_EXACT_RANK_SUM_N`` values. All divisions of the ranks
+    into two samples are then equally probable, and ties have their mean rank. Without ties, SciPy computes the exact p
+    value. Otherwise the p value is SciPy's normal approximation with tie and continuity correction. The statistic is U
+    of ``a``. The effect size 2 U / (n m) − 1 is positive if the values of ``a`` are larger.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     test, n = MANN_WHITNEY, len(a) + len(b)
@@ -157,7 +158,7 @@ def rank_biserial_interval(effect: float, size: float) -> tuple[float, float]:
 
 
 def _exact_rank_sum(a: FloatArray, b: FloatArray) -> float:
-    """Returns exact p: twice the share of rank subsets with the observed or a more extreme rank sum.
+    """Returns the exact p value: twice the share of rank subsets with the observed or a more extreme rank sum.
 
     Subsets have the size of the smaller sample. ``ways[k, s]``: number of subsets of k ranks with doubled sum s.
     """
@@ -178,10 +179,10 @@ def energy_test(
 ) -> StatisticalTestResult:
     """Returns the energy test. Null hypothesis: points (n, d) and points (m, d) have the same distribution.
 
-    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance
-    2 E|A − B| − E|A − A′| − E|B − B′| over all pairs, in the unit of the points. For p, all points are divided at
-    random into n and m points, ``permutations`` times. p is the share of divisions with at least the observed energy
-    distance; the observed division is included.
+    Source: Székely and Rizzo, InterStat 5, 2004. The statistic is the energy distance, in the unit of the points: 2 E|A
+    − B| − E|A − A′| − E|B − B′|, with means over all pairs. All points are divided at random into n and m points,
+    ``permutations`` times. The p value is the share of divisions with at least the observed energy distance. The
+    observed division is included.
     """
     a, b = np.asarray(a, float), np.asarray(b, float)
     count, total = len(a), len(a) + len(b)
@@ -202,7 +203,7 @@ def energy_test(
 
 @lru_cache(maxsize=4)
 def _random_divisions(seed: int, divisions: int, total: int, count: int) -> IntArray:
-    """Returns ``count`` of ``total`` indices for each random division, (``divisions``, ``count``)."""
+    """Returns random indices (``divisions``, ``count``): for each division, ``count`` of ``total`` points."""
     rng = random_streams.permutation_generator(seed)
     return np.stack([rng.permutation(total)[:count] for _ in range(divisions)])
 
@@ -242,7 +243,7 @@ def holm_correction(probabilities: Sequence[float | None]) -> list[float | None]
 
 
 def significance_stars(p: float | None) -> str:
-    """Returns the significance stars of p: * below 0.05, ** below 0.01, *** below 0.001."""
+    """Returns the significance stars of a p value: * below 0.05, ** below 0.01, *** below 0.001."""
     return next((stars for limit, stars in STAR_THRESHOLDS if p is not None and p < limit), "")
 
 
@@ -268,7 +269,8 @@ def clustered_wilson_interval(clusters: Sequence[Sequence[bool]]) -> tuple[float
 
 
 MIN_DESIGN_EFFECT = 0.25
-"""Lower bound of the design effect. Without it, equal shares in few clusters result in a design effect of 0."""
+"""Lower bound of the design effect. Without this bound, equal shares in few clusters would result in a design effect of
+0."""
 
 
 def _design_effect(residuals: FloatArray, count: int, share: float) -> float:

@@ -17,9 +17,9 @@ import numpy as np
 from avrgym.array_types import BoolArray, FloatArray
 
 MONITOR_SLEEP_S = 0.001
-"""Requested duration of each sleep of the monitoring process."""
+"""Requested duration in seconds of each sleep of the monitoring process."""
 STEAL_THRESHOLD_S = 0.001
-"""Maximum delay of a sleep that the operating system causes. Longer delays count as CPU steal."""
+"""Maximum delay of a sleep in seconds that the operating system causes. Longer delays are considered CPU steal."""
 MONITOR_PRIORITY = 50
 """Real-time priority of the monitoring process, 1 to 99. It is higher than that of the simulation."""
 
@@ -109,12 +109,12 @@ def merge_spans(spans: list[TimeSpan]) -> list[TimeSpan]:
 
 
 def overlap_s(spans: list[TimeSpan], began_s: float, ended_s: float) -> float:
-    """Returns the total overlap, in seconds, of disjoint spans and the period from ``began_s`` to ``ended_s``."""
+    """Returns the total overlap in seconds between disjoint spans and the period from ``began_s`` to ``ended_s``."""
     return sum(max(0.0, min(end_s, ended_s) - max(begin_s, began_s)) for begin_s, end_s in spans)
 
 
 def overlaps_no_span(spans: list[TimeSpan], began_s: FloatArray, ended_s: FloatArray) -> BoolArray:
-    """Returns a mask (n,) of the periods from ``began_s`` to ``ended_s`` (n,) that overlap no span.
+    """Returns a boolean mask (n,): periods from ``began_s`` (n,) to ``ended_s`` (n,) that overlap no span.
 
     The spans are sorted and disjoint.
     """

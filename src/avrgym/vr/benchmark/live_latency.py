@@ -1,7 +1,7 @@
 """Measures the latency of the server in a recorded session. The client runs in its own process on this computer.
 
-The client sends tracking frames like a headset. For each frame, it stores the arrival time of the first state that
-includes it. All times are on the system's monotonic clock, which all processes share.
+The client sends tracking frames like a headset. For each frame, the client stores the arrival time of the first state
+that includes this frame. All times are on the system's monotonic clock, which all processes share.
 """
 
 import multiprocessing
@@ -38,17 +38,17 @@ from avrgym.vr.session.plan import Policies, SessionPlan, TrialPlan
 from avrgym.vr.session.session import Session
 
 TRACKING_HZ = 90.0
-"""Rate of the client's tracking frames."""
+"""Number of tracking frames that the client sends per second."""
 POLICY_HIDDEN_UNITS = 64
-"""Number of units in each of the two hidden layers of the untrained network."""
+"""Number of neurons in each of the two hidden layers of the untrained network."""
 MEASURED_POLICY_NAME = "measured"
 """Name of the measured policy in the session's plan."""
 CLIENT_TIMEOUT_S = 120.0
-"""Maximum duration of the session in addition to the trial."""
+"""Maximum duration of the session in seconds, without the duration of the trial."""
 STEAL_TIME_COLUMN = 8
-"""Column of the steal time in the first line of Linux's ``/proc/stat``, after its name (proc(5))."""
+"""Index of the steal time in the first line of Linux's ``/proc/stat`` (proc(5)). The name of the line has index 0."""
 PERCENTILES = {"p50": 50.0, "p95": 95.0, "p99": 99.0, "max": 100.0}
-"""The computed percentiles, by name."""
+"""The computed percentiles (0 to 100), by name."""
 
 Percentiles = dict[str, float]
 """Percentiles in milliseconds, by name."""
@@ -65,9 +65,10 @@ class LiveLatencyResult:
         tick_ms: duration of a tick.
         processor_ms: processor time of a tick.
         round_trip_ms: time from sending a tracking frame to the arrival of the first state that includes it.
-        undisturbed_tick_ms: ``tick_ms`` of the ticks without CPU steal; ``None`` if there are none, or if CPU steal was
-            not measured (see ``cpu_steal``).
-        undisturbed_round_trip_ms: ``round_trip_ms`` without CPU steal, or ``None``, as ``undisturbed_tick_ms``.
+        undisturbed_tick_ms: ``tick_ms`` of the ticks without CPU steal; ``None`` without such ticks, or if CPU steal
+            was not measured (see ``cpu_steal``).
+        undisturbed_round_trip_ms: ``round_trip_ms`` of the frames without CPU steal; ``None`` as for
+            ``undisturbed_tick_ms``.
         stages_ms: stages of the round trip: ``to_server`` (from client to server), ``queue`` (until the next tick),
             ``tick`` (until its state is sent), ``return`` (from server to client).
         missed_deadlines: number of ticks that ended after the next tick was due, or that were skipped.
@@ -137,7 +138,7 @@ def _plan(environment_id: str, seconds: float) -> SessionPlan:
 
 
 def _untrained(environment_id: str) -> Policy:
-    """Returns a network with random weights. Its size and computing time are those of trained networks."""
+    """Returns a network with random weights. Its size and computing time are the same as for trained networks."""
     size, actions = observation_and_action_size(environment_id)
     random, layers = (
         random_streams.untrained_weight_generator(),
@@ -156,7 +157,7 @@ def _untrained(environment_id: str) -> Policy:
 
 
 class _Times:
-    """Times of each tracking frame's stages, and durations of ticks, during the trial; seconds."""
+    """Times of each tracking frame's stages, and durations of ticks, in seconds; only during the trial."""
 
     def __init__(self) -> None:
         self.arrived: dict[int, float] = {}
@@ -200,7 +201,7 @@ class _Times:
         self.steer_pending.clear()
 
     def note_tick(self, began_s: float, computed_s: float) -> None:
-        """Stores a tick that ends now, and its processor time."""
+        """Stores the start, duration and processor time of a tick that ends now."""
         self.began.append(began_s)
         self.took.append(time.monotonic() - began_s)
         self.computed.append(computed_s)
@@ -242,7 +243,7 @@ class _TimedSession(Session):
 
 
 RoundTrips = dict[int, tuple[float, float]]
-"""Times at which a tracking frame was sent and the first state with it arrived, by the frame's number."""
+"""(time of sending a tracking frame, arrival time of the first state that includes it), by the frame's number."""
 
 
 def _attend(server: LiveServer[Session], seconds: float, *, steered: bool) -> tuple[RoundTrips, list[float]]:
@@ -293,8 +294,10 @@ def _receive_trips(server: LiveServer[Session], here: Connection, seconds: float
 
 
 def run_client(url: str, token: str, environment_id: str, results: Connection) -> None:
-    """Main function of the client's process: calibrates, sends tracking frames, and sends the round trips to
-    ``results``."""
+    """Main function of the client's process: calibrates and sends tracking frames.
+
+    At the end, it sends the times of the round trips to ``results``.
+    """
     with connect(url, max_size=None) as socket:
         socket.send(
             messages.encode(messages.Hello(messages.PROTOCOL_VERSION, token, "benchmark", emulated=True))
@@ -397,7 +400,7 @@ def _missed(late: list[LateTick]) -> int:
 def _late_running(late: list[LateTick], stood_still: list[TimeSpan]) -> list[LateTick]:
     """Returns the late ticks that would also have been late without CPU steal.
 
-    Their delay exceeds the CPU steal since the first tick of an uninterrupted sequence of late ticks.
+    The delay of these ticks exceeds the CPU steal since the first tick of an uninterrupted sequence of late ticks.
     """
     running: list[LateTick] = []
     began_s, next_s = -np.inf, -np.inf
@@ -417,7 +420,7 @@ def _spread(seconds: FloatArray) -> Percentiles:
 def _undisturbed(
     stood_still: list[TimeSpan] | None, began_s: FloatArray, took_s: FloatArray
 ) -> Percentiles | None:
-    """Returns percentiles of the durations of events without CPU steal; ``None`` if there are none."""
+    """Returns percentiles of the durations of events without CPU steal; ``None`` without such events."""
     if stood_still is None:
         return None
     alone = overlaps_no_span(stood_still, began_s, began_s + took_s)

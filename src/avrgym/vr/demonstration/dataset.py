@@ -1,4 +1,4 @@
-"""The recorded demonstrations of a folder as a LeRobot dataset."""
+"""Write the recorded demonstrations of a folder as a LeRobot dataset."""
 
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
@@ -25,16 +25,18 @@ def write_demonstrations(
     cameras: Sequence[str] = (),
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[str]:
-    """Write the completed episodes that the operator marked as a success. Returns why others were omitted.
+    """Write the completed episodes that the operator marked as a success.
+
+    Returns a message for each omitted episode, with the reason.
 
     Args:
         source: folder of ``avrgym demonstrate``.
         out: a new folder.
         cameras: cameras whose colour images are rendered from the recorded states, see ``models.cameras``.
-        progress: called after each episode, with the number of episodes until now and the total number.
+        progress: called after each episode, with the number of processed episodes and the total number.
 
     Raises:
-        ValueError: if the folder contains no such episode, or for a camera that the robot does not have.
+        ValueError: if the folder contains no such episode, or for a camera that the environment lacks.
         FileExistsError: if ``out`` exists.
     """
     if out.exists():
@@ -84,7 +86,7 @@ def write_demonstrations(
 
 
 def _read(source: Path, row: dict[str, str]) -> Recording:
-    """Returns the recording of a row. Raises ``RecordingError`` if it is incomplete."""
+    """Returns the recording of the episode in a table row. Raises ``RecordingError`` if it is incomplete."""
     recording = read_recording(source / row["recording"])
     if not recording.complete:
         raise RecordingError("the recording is incomplete; allowed: complete recordings")

@@ -18,7 +18,7 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.trial_worlds import resting_person
 
 MAX_PERSON_SAMPLES = 100
-"""Maximum number of sampled people. A person without enough space for the robot is rejected."""
+"""Maximum number of people that are sampled for one episode. A sampled person is rejected if the robot lacks space."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,8 @@ class DemonstrationPlan:
     populations: tuple[Population, ...] = field(init=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Find environment and populations. Raises ``ValueError`` for an unknown name, with the allowed ones."""
+        """Find environment and populations. Raises ``ValueError`` for an unknown name; the message lists the allowed
+        names."""
         find_environment(self.environment)
         impairments.parse_impairment(self.impairment)
         found = [population for name in self.people for population in find_populations(name, TASKS)]
@@ -66,7 +67,7 @@ class EpisodeWorld:
 
 
 class EpisodeWorldPreparation:
-    """Builds the world of the next episode while the current one runs."""
+    """Builds the world of the next episode while the current episode runs."""
 
     def __init__(self, plan: DemonstrationPlan, workers: Executor, first_sample: int = 0) -> None:
         """Start to build the first world. ``first_sample``: number of its person."""
@@ -80,7 +81,10 @@ class EpisodeWorldPreparation:
         return self._future.done()
 
     def take(self) -> EpisodeWorld:
-        """Returns the next world, and starts to build the one after it. Raises the error that occurred, if any."""
+        """Returns the next world, and starts to build the world after it.
+
+        If building the world raised an error, raises this error.
+        """
         built = self._future.result()
         self._next_sample = built.sample + 1
         self._request()
@@ -95,11 +99,12 @@ class EpisodeWorldPreparation:
 
 
 def build_world(plan: DemonstrationPlan, first_sample: int) -> EpisodeWorld:
-    """Returns a world with a sampled person that leaves the robot enough space. The first sample has the number
-    ``first_sample``.
+    """Returns a world with a sampled person and enough space for the robot.
+
+    ``first_sample``: number of the first person to try.
 
     Raises:
-        NoClearanceError: if ``MAX_PERSON_SAMPLES`` people leave no space. It is a ``ValueError``.
+        NoClearanceError: if the robot lacks space next to ``MAX_PERSON_SAMPLES`` people. It is a ``ValueError``.
     """
     for sample in range(first_sample, first_sample + MAX_PERSON_SAMPLES - 1):
         try:

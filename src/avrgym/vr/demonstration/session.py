@@ -33,7 +33,7 @@ from avrgym.vr.tracking.tracking_state import TrackingState
 DEMONSTRATION_RESULT_EVENT = "demonstration"
 """Name of the recorded event with the operator's assessment: ``success``, ``no success`` or ``discarded``."""
 PERSON_UPDATE_INTERVAL_TICKS = 10
-"""Interval at which the simulated person receives the pose of the robot's tool."""
+"""Interval in ticks at which the simulated person receives the pose of the robot's tool."""
 
 
 class DemonstrationSession:
@@ -57,7 +57,8 @@ class DemonstrationSession:
 
         Args:
             plan: settings of the session.
-            folder: stores the episodes. Episodes of an earlier session count.
+            folder: stores the episodes. Episodes of earlier sessions in this folder are included in the number of
+                episodes.
             send: receives all messages for clients.
             workers: builds the worlds.
             driver: drives the robot; default: the operator alone. The policy of a ``CorrectedDriver`` is that of
@@ -65,7 +66,7 @@ class DemonstrationSession:
             driven_by: name of the driver in the table; default: the role that drove last.
 
         Raises:
-            ValueError: for settings with which no world can be built.
+            ValueError: if no world can be built with these settings.
         """
         self.plan, self._folder, self._send = plan, folder, send
         self.scenes: list[tuple[str, Person, Settings]] = []
@@ -87,16 +88,16 @@ class DemonstrationSession:
 
     @property
     def world(self) -> LiveWorld:
-        """The current world."""
+        """The world of the running or next episode."""
         return self._current.world
 
     @property
     def at_rest(self) -> bool:
-        """Whether no episode runs."""
+        """Whether no episode runs. The robot and the person then do not move."""
         return self.stage != "running"
 
     def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
-        """Send the current state to a new connection."""
+        """Send welcome, scene, phase and progress to a new connection with this role."""
         name = self.plan.environment
         send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=True, sounds=True))
         send(self._scene())
@@ -125,7 +126,7 @@ class DemonstrationSession:
                 pass
 
     def tick(self, now_s: float) -> None:
-        """Advance by 10 ms."""
+        """Advance the session by 10 ms. ``now_s``: the time on the session's clock."""
         self._now_s = now_s
         self._ticks += 1
         if self._driver.is_overdue(now_s):
@@ -150,7 +151,7 @@ class DemonstrationSession:
         self._worlds.close()
 
     def wait_for_writes(self) -> None:
-        """Wait until most records are written. For sessions faster than real time."""
+        """Wait until most records are written. Call it in sessions that run faster than real time."""
         if self.attempt is not None:
             self.attempt.wait_for_writes()
 
@@ -172,7 +173,7 @@ class DemonstrationSession:
             )
 
     def _release(self, event: str) -> None:
-        """Stop the robot, because its operator left or sends nothing. Records the event."""
+        """Stop the robot, because its operator left or sends nothing. ``event``: name of the recorded event."""
         driver = self._driver.holder
         self._driver.stop_robot()
         if self.attempt is not None and driver:
@@ -279,7 +280,7 @@ class DemonstrationSession:
             self._send(messages.Problem(problem, "experimenter"))
 
     def _end_episode(self, result: Result) -> None:
-        """End a running episode, and store its recording and its row."""
+        """End a running episode. Store its recording and its row in the table."""
         attempt, self.attempt = self.attempt, None
         self._driver.stop_robot()
         if attempt is None:

@@ -8,9 +8,9 @@ from avrgym.vr.emulation.simulated_demonstrator import SimulatedDemonstrator
 from avrgym.vr.protocol.messages import TICK_S, Demonstrate
 
 START_DELAY_S = 0.5
-"""Time from a new world to the button ``start``."""
+"""Time in seconds from a new world to the button ``start``."""
 SUCCESS_DELAY_S = 0.7
-"""Time from the task's success to the button ``success``."""
+"""Time in seconds from the task's success to the button ``success``."""
 
 
 def demonstrate(

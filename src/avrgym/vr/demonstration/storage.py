@@ -16,16 +16,16 @@ class EpisodeRow:
     """One recorded episode.
 
     Attributes:
-        episode: its number, from 1. Discarded episodes have the number of the next completed one.
+        episode: number of the episode, from 1. A discarded episode has the number of the next completed episode.
         attempt: number of the attempt at this episode, from 1.
-        recording: path of its recording, relative to the folder.
+        recording: path of the episode's recording, relative to the folder.
         environment: id of the environment.
         people: name of the population.
         impairment: the person's impairment.
         sample: number of the sampled person, from 0.
         seed: seed of person and initial state.
         sex: sex of the body model.
-        torso_height_m: the person's torso height.
+        torso_height_m: the person's torso height in metres.
         result: ``completed``, ``discarded`` or ``interrupted``.
         success: whether the operator marked the episode as a success.
         task_success: whether the task's own criterion was met.
@@ -57,7 +57,7 @@ class DemonstrationFolder:
         """Reads an existing table.
 
         Raises:
-            ValueError: if the folder contains something else, or demonstrations of another environment.
+            ValueError: if the folder contains other files, or demonstrations of another environment.
         """
         self.folder, self._table = folder, folder / TABLE_FILE
         if folder.exists() and not self._table.is_file() and any(folder.iterdir()):
@@ -75,17 +75,19 @@ class DemonstrationFolder:
 
     @property
     def recordings(self) -> Path:
-        """The folder of the recordings."""
+        """The subfolder that contains the recordings of all episodes."""
         return self.folder / RECORDINGS
 
     @property
     def num_samples(self) -> int:
-        """Number of people that were sampled until now."""
+        """Number of people that were sampled for the episodes in the table."""
         return max((int(row["sample"]) + 1 for row in self.rows), default=0)
 
     def count(self, result: Result, *, success: bool | None = None) -> int:
-        """Returns the number of episodes with this result. If ``success`` is given, counts only episodes with this mark
-        of the operator."""
+        """Returns the number of episodes with this result.
+
+        ``success``: if given, only episodes with this mark of the operator are included.
+        """
         marks = {None: ("True", "False"), True: ("True",), False: ("False",)}[success]
         return sum(row["result"] == result and row["success"] in marks for row in self.rows)
 

@@ -29,16 +29,16 @@ CHROMIUM_FLAGS = (
     "--disable-sync",
 )
 FRAME_INTERVAL_S = 1.0 / 72.0
-"""Interval at which the simulated participant sets poses."""
+"""Interval in seconds at which the simulated participant sets poses."""
 _SHOW_CONTROLS = """(visibility) => {
     for (const each of document.querySelectorAll("#card, #emergency")) each.style.visibility = visibility;
 }"""
 """Script that hides or shows the controls over the view. The page's security policy forbids style sheets of
 Playwright."""
 PAGE_TIMEOUT_S = 60.0
-"""Timeout of requests to the page."""
+"""Timeout of requests to the page, in seconds."""
 MAX_PHASE_S = 600.0
-"""Maximum duration of a session's phase, sufficient for a slow computer."""
+"""Maximum duration of a session's phase in seconds. It is sufficient for a slow computer."""
 
 
 class BrowserMissingError(RuntimeError):
@@ -46,7 +46,8 @@ class BrowserMissingError(RuntimeError):
 
 
 def find_chromium() -> str | None:
-    """Returns the path of the installed Chromium, else ``None``. Without one, Playwright uses its own Chromium."""
+    """Returns the path of the installed Chromium; ``None`` if none is installed. Playwright then uses its own
+    Chromium."""
     return next((path for name in CHROMIUM_NAMES if (path := shutil.which(name))), None)
 
 
@@ -59,10 +60,11 @@ class EmulatedHeadset:
         """Open the page in a window that is small enough for a software renderer.
 
         Args:
-            url: the participant's address. width: width of the view of both eyes together, pixels. height: height of
-            the view, pixels. query: further parameters of the URL: ``&detail=full`` draws in full quality,
-            ``&headset=vive`` emulates the inputs
-                of that headset (names are in the client's ``emulated-devices.ts``).
+            url: the participant's address.
+            width: width of the view of both eyes together, pixels.
+            height: height of the view, pixels.
+            query: further parameters of the URL. ``&detail=full`` draws in full quality. ``&headset=vive`` emulates the
+                inputs of that headset; ``emulated-devices.ts`` of the client contains the allowed names.
             script: JavaScript that runs before the scripts of the page.
 
         Raises:
@@ -111,30 +113,30 @@ class EmulatedHeadset:
         self.page.wait_for_function("() => window.avrgymEmulator.presenting()")
 
     def set_poses(self, frame: Tracking, *, right: bool = True) -> None:
-        """Set the poses of headset and controllers. Without ``right``, the right controller does not move."""
+        """Set the poses of headset and controllers. ``right``: whether the right controller moves too."""
         poses = {"head": _plain(frame.head), "left": _plain(frame.left)}
         self.call_emulator("setPoses", poses | ({"right": _plain(frame.right)} if right else {}))
 
     def pull_trigger(self, hand: str) -> None:
-        """Press and release a trigger, each for at least one XR frame."""
+        """Press and release the trigger of a controller. Each state lasts at least one XR frame."""
         for pressed in (True, False):
             self.call_emulator("setTrigger", hand, pressed)
             self.wait_for_frames(2)
 
     def press_select(self) -> None:
-        """Press and release the select input of this headset, each for at least two XR frames."""
+        """Press and release the select input of this headset. Each state lasts at least two XR frames."""
         for pressed in (True, False):
             self.call_emulator("select", pressed)
             self.wait_for_frames(4)
 
     def press_menu(self, hand: str) -> None:
-        """Press and release a menu button."""
+        """Press and release the menu button of a controller."""
         for pressed in (True, False):
             self.call_emulator("holdMenu", hand, pressed)
             self.wait_for_frames(2)
 
     def begin_emergency_stop(self, method: str) -> None:
-        """Begin an emergency stop with this stop method. Its input stays active."""
+        """Begin an emergency stop with this stop method. Its input remains active after this call."""
         match method:
             case "button":
                 self.call_emulator("holdMenu", "left", True)
@@ -158,7 +160,7 @@ class EmulatedHeadset:
         )
 
     def select_answer(self, value: int, hand: str | None = None) -> None:
-        """Point at the answer button of a value and select it.
+        """Point at the answer button with this value, and select it.
 
         ``hand``: the controller that points; by default, the pointer of this headset. The pointer first points next to
         the panel, because a pointer that rests on a button does not select it.
@@ -176,7 +178,7 @@ class EmulatedHeadset:
             self.pull_trigger(hand)
 
     def _centre_of(self, value: int) -> tuple[float, float, float]:
-        """Returns the centre of a button on the panel, in ``local-floor``."""
+        """Returns the centre (x, y, z) of the button with this value on the panel, in metres in ``local-floor``."""
         return next(
             tuple(button["centre"]) for button in self.call_emulator("buttons") if button["value"] == value
         )
@@ -199,9 +201,9 @@ class EmulatedHeadset:
 
 
 BACK_BUTTON, DONE_BUTTON, AGAIN_BUTTON, CONTINUE_BUTTON = -1, -2, -3, -4
-"""Values of buttons that are not answers; see the client's ``paint-panel.ts``."""
+"""Values of panel buttons that are not answers; see the client's ``paint-panel.ts``."""
 SCREENSHOT_DELAY_S = {"trial": 4.0}
-"""Delay from the start of a phase to the screenshot of the participant's view, by phase."""
+"""Delay in seconds from the start of a phase to the screenshot of the participant's view, by phase."""
 
 
 class BrowserClient:
@@ -228,7 +230,7 @@ class BrowserClient:
             participant: the simulated participant.
             pictures: folder for screenshots of the participant's view.
             log: called with a description of each phase.
-            picture_delay_s: delay from the start of a phase to its screenshot, by phase.
+            picture_delay_s: delay from the start of a phase to the phase's screenshot, by phase.
         """
         self.screenshots: list[Path] = []
         self._headset, self._session, self._participant = headset, session, participant
@@ -241,7 +243,7 @@ class BrowserClient:
         """Takes part until the session is finished. Returns the paths of the screenshots.
 
         Raises:
-            TimeoutError: if the session stays in one phase for ten minutes.
+            TimeoutError: if a phase of the session lasts more than ten minutes.
         """
         headset, began = self._headset, time.monotonic()
         headset.set_poses(self._participant.tracking_frame(0.0, moving=False))
@@ -307,7 +309,7 @@ class BrowserClient:
 
     @property
     def _picture(self) -> Path:
-        """The path for the screenshot of the current phase."""
+        """Returns a new path for the screenshot of the current phase."""
         name, trial = self._phase
         return self._folder / f"trial-{trial:02}-{name}.png"
 

@@ -8,15 +8,15 @@ from avrgym.vr.protocol.messages import TICK_S, Message
 from avrgym.vr.session.session import Session
 
 CALIBRATION_STILL_TIME_S = 1.5
-"""Time for which a simulated participant holds still before the press of the trigger."""
+"""Time in seconds for which a simulated participant holds still before the press of the trigger."""
 ANSWER_DELAY_S = 1.5
-"""Time from the appearance of a question to the answer."""
+"""Time in seconds from the appearance of a question to the answer."""
 MAX_START_ATTEMPTS = 4
-"""Maximum number of attempts to start a trial."""
+"""Maximum number of times that a simulated participant tries to start a trial."""
 TRACKING_INTERVAL_TICKS = 2
-"""Interval at which a simulated participant sends tracking frames."""
+"""Interval in ticks at which a simulated participant sends tracking frames."""
 STATE_INTERVAL_TICKS = 2
-"""Interval at which a simulated participant receives a state. Results depend on this interval."""
+"""Interval in ticks at which a simulated participant receives a state. Results depend on this interval."""
 
 
 class InProcessClient:
@@ -31,7 +31,7 @@ class InProcessClient:
         self._now_s = 0.0
 
     def receive(self, message: Message) -> None:
-        """Handle a message of the session."""
+        """Handle a message that the session sends to the participant."""
         self._participant.receive(message)
         if isinstance(message, messages.RobotCommands):
             self._participant.commands.receive(message, self._now_s)
@@ -51,7 +51,7 @@ class InProcessClient:
         """Take part in the session until it is finished.
 
         Raises:
-            RuntimeError: if a trial does not start. The message contains the problem that the session reported last.
+            RuntimeError: if a trial does not start. The message contains the latest problem that the session reported.
         """
         session.receive(messages.Entered(), self._now_s)
         tick = 0

@@ -10,11 +10,11 @@ from avrgym.system import random_streams
 from avrgym.vr.protocol import messages
 
 PASSIVE_COMMAND_SOURCES: tuple[CommandSource, ...] = ("gaze",)
-"""Input sources that need no deliberate action. They detect a command in the participant's usual motion."""
+"""Command sources that need no deliberate action. They detect a command in the participant's usual motion."""
 GESTURE_HZ, GESTURE_CYCLES, GESTURE_SWING_DEG = 1.8, 2, 12.0
-"""A nod or shake of a simulated participant: frequency, number of cycles, and range of motion (assumptions)."""
+"""Assumptions about a nod or shake of a simulated participant: frequency, number of cycles, and range of motion."""
 GESTURE_DURATION_S = GESTURE_CYCLES / GESTURE_HZ
-"""Duration of a nod or shake."""
+"""Duration of a nod or shake in seconds."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class CommandTraits:
 
     ``command_delay_s``: time from the start of the robot's wait to the command ``ready``. ``miss_probability``:
     probability that a command is not detected. ``false_commands_per_min``: number of unintended commands per minute.
-    ``comfortable_speed_factor``: speed factor at which the participant commands no change of speed.
+    ``comfortable_speed_factor``: speed factor of the robot at which the participant commands no change of speed.
     """
 
     command_delay_s: float = 1.0
@@ -46,12 +46,13 @@ def sample_command_traits(seed: int) -> CommandTraits:
 class SimulatedCommandGenerator:
     """Generates the commands of a simulated participant in trials.
 
-    The participant commands ``ready`` when the robot waits. Once per wait, the participant commands ``slower`` or
-    ``faster`` if the speed is not comfortable. Sometimes there is an unintended command, but never ``stop``.
+    The participant commands ``ready`` when the robot waits. During each wait of the robot, the participant commands
+    ``slower`` or ``faster`` once if the speed is not comfortable. Unintended commands occur at random times, but never
+    the command ``stop``.
     """
 
     def __init__(self, traits: CommandTraits, seed: int) -> None:
-        """Start with the random stream of a trial's ``seed``."""
+        """Start a trial. ``seed``: seed of the trial, for delays and unintended commands."""
         self._traits = traits
         self._random = random_streams.participant_command_generator(seed, 1)
         self._offered: messages.RobotCommands | None = None
@@ -70,7 +71,7 @@ class SimulatedCommandGenerator:
             self._planned = [] if offered.mode != "waiting" else self._on_waiting(offered, now_s)
 
     def due_command(self, now_s: float) -> tuple[CommandName, CommandSource] | None:
-        """Returns the participant's command at this time and its input source, or ``None``."""
+        """Returns the participant's command at this time with its source; ``None`` if there is no command."""
         if self._offered is None:
             return None
         if now_s >= self._next_false_s:
@@ -96,7 +97,7 @@ class SimulatedCommandGenerator:
         return planned
 
     def _given(self, command: CommandName) -> tuple[CommandName, CommandSource] | None:
-        """Returns the command with the first allowed input source that supports it, or ``None``."""
+        """Returns the command with the first allowed source that can give it; ``None`` if there is no such source."""
         assert self._offered is not None
         for source in self._offered.sources:
             if source not in PASSIVE_COMMAND_SOURCES and command in commands_of_source(source):
@@ -104,7 +105,7 @@ class SimulatedCommandGenerator:
         return None
 
     def _interval_s(self) -> float:
-        """Returns a random time until the next unintended command."""
+        """Returns a random time in seconds until the next unintended command."""
         rate = self._traits.false_commands_per_min
         interval_s = float(self._random.exponential())
         return 60.0 * interval_s / rate if rate else np.inf

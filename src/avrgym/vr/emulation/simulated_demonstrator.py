@@ -1,4 +1,4 @@
-"""A simulated demonstrator: a simulated operator who follows the task's expert, with a headset's messages."""
+"""A simulated demonstrator: an operator who follows the task's expert and sends the messages of a headset."""
 
 from collections import deque
 
@@ -17,10 +17,10 @@ from avrgym.vr.protocol.messages import TICK_S, Steer
 from avrgym.vr.protocol.webxr import Pose, Registration
 
 REACH_M = 0.35
-"""Maximum distance of the hand from its comfortable position. Beyond it, the demonstrator opens the clutch and moves
-the hand back."""
+"""Maximum distance in metres of the hand from its comfortable position. Beyond it, the demonstrator opens the clutch
+and moves the hand back. The tool follows the hand only while the clutch is closed."""
 HAND_RETURN_DURATION_S = 0.5
-"""Duration of this motion back, with an open clutch."""
+"""Duration in seconds of this motion back, with an open clutch."""
 OBSERVATION_S = 1.5
 """Time for which a demonstrator who corrects a policy observes the tool before a decision."""
 MIN_INTENDED_PATH_M = 0.02
@@ -32,7 +32,7 @@ CORRECTION_DURATION_S = 3.0
 
 
 class SimulatedDemonstrator:
-    """Moves a controller like a person who follows the expert. The room's position and direction are random.
+    """Moves a headset's controller like a person who follows the expert. The room's position and direction are random.
 
     With ``corrects``, a policy drives, and the demonstrator takes over for a short time if the tool does not move along
     the expert's path.
@@ -85,7 +85,8 @@ class SimulatedDemonstrator:
         return Steer(clutch, self._room.from_world(Pose(self._pos_w, self._q_w)), self._view, 1.0)
 
     def _expert_speed(self, world: LiveWorld) -> FloatArray:
-        """Returns the linear and angular velocity (6,) of the tool with the expert's action; world frame."""
+        """Returns the tool's linear and angular velocity (6,) with the expert's action, in m/s and rad/s in the world
+        frame."""
         linear, angular = self._hand.velocity(self._expert(world.observe())[0])
         tool, hand = world.simulation.body_poses(0)[self._bodies]
         lever = np.asarray(np.cross(angular, tool[:3] - hand[:3]), float)

@@ -1,8 +1,8 @@
 """Simulated participants send the tracking frames of a headset and answer the questionnaire.
 
-They sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained policy chooses
-the goals of their motion. The motor model ``people.motor`` executes it. Dry runs, demonstrations and tests use them.
-All their data are marked as simulated.
+Simulated participants sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained
+policy determines the goals of their motion. The motor model ``people.motor`` executes the motion. Dry runs,
+demonstrations and tests use them. All their data are marked as simulated.
 """
 
 from collections.abc import Callable, Mapping
@@ -46,17 +46,17 @@ from avrgym.vr.session.attempt import AttemptResults
 PARTICIPANT_DISTRIBUTION = BASE_DISTRIBUTIONS["participants"]
 """The distribution of the paper's participants."""
 MIN_POSE_DIFFERENCE_M = 1e-9
-"""Minimum difference between consecutive measured positions. Real trackers never measure identical poses."""
+"""Minimum difference in metres between consecutive measured positions. Real trackers never measure identical poses."""
 LOOK_AT_ARM_OFFSET_RAD = human.seated_joint_angles(head_x=35.0, head_z=-40.0) - human.seated_joint_angles(
     head_x=0.0, head_z=0.0
 )
-"""Change of the joint angles (20,) with which a participant looks at the right arm."""
+"""Change of the joint angles (20,), in radians, with which a participant looks at the right arm."""
 SWAY_STOP_TIME_S = 0.5
-"""Time after the participant begins to hold still until sway and tremor end."""
+"""Time in seconds from the start of holding still until sway and tremor end."""
 MAX_MOTION_STEP_S = 1.0
-"""Maximum duration of the motion between two frames."""
+"""Maximum duration in seconds of the motion that is computed between two tracking frames."""
 LENIENCY_STD, RATING_NOISE_STD = 0.08, 0.1
-"""Standard deviations of ratings as shares of the scale: between participants, then between answers of one
+"""Standard deviations of ratings as shares of the scale: between participants, and between answers of one
 participant."""
 
 RATING_RULES: Mapping[str, Callable[[AttemptResults], float]] = {
@@ -65,9 +65,9 @@ RATING_RULES: Mapping[str, Callable[[AttemptResults], float]] = {
     "L3": lambda results: 1.0 - results.force_max_n / 60.0,
     "L4": lambda results: 1.0 - abs(results.tool_speed_mean_m_s - 0.1) / 0.3,
 }
-"""Functions that return ratings of the paper's statements, as shares of a scale, by item. Success determines help. Mean
-force and speed determine comfort. The maximum force determines safety, and the difference from 0.1 m/s determines
-speed. The constants are assumptions."""
+"""Function of each item of the paper that returns a rating as a share of the scale. The rating of help depends on
+success, and the rating of comfort on mean force and speed. The rating of safety depends on the maximum force, and the
+rating of speed on the difference from 0.1 m/s. The constants are assumptions."""
 
 
 @dataclass(frozen=True)
@@ -76,22 +76,22 @@ class ParticipantTraits:
 
     Attributes:
         sex: sex of the body model.
-        torso_height_m: from the hip bone to the centre of the head.
+        torso_height_m: distance in metres from the hip bone to the centre of the head.
         sway_deg: amplitude of the slow movement of the waist.
-        sway_hz: frequency of this movement.
-        lean_deg: forward lean at rest.
+        sway_hz: frequency of the slow movement of the waist.
+        lean_deg: forward lean of the torso at rest.
         arm_offset_deg: backward offset of the arms.
         cooperation_share: distance that mouth or arm moves towards the tool, as a share (0 to 1) of the whole distance.
-        reaction_time_s: delay of this movement.
+        reaction_time_s: delay of the movement towards the tool.
         leniency: offset of all ratings, as a share of the scale.
         command_traits: traits of the commands to the robot.
-        partner_parameters: parameters, arrays (1,), of a partner that replaces the default behaviour; ``None`` without
-            one.
-        trained_policy: a trained policy that replaces the default behaviour; ``None`` without one.
+        partner_parameters: parameters, arrays (1,), of a partner model that replaces the default behaviour; ``None``
+            without a partner model.
+        trained_policy: a trained policy that replaces the default behaviour; ``None`` without a policy.
         range_share: joint ranges, see ``People``.
         strength_share: strength, see ``People``; it scales the movement.
         tremor_rad: amplitude (20,) of the tremor, see ``People``.
-        motor_signs: motor signs of a clinical impairment; ``None`` without one.
+        motor_signs: motor signs of a clinical impairment; ``None`` without an impairment.
     """
 
     sex: Sex
@@ -119,7 +119,7 @@ def sample_participant_traits(
     impairment: ImpairmentName = "none",
     trained: Policy | None = None,
 ) -> ParticipantTraits:
-    """Returns random traits of a participant from a distribution (default: the paper's participants).
+    """Returns random traits of a participant from ``distribution`` (default: the paper's participants).
 
     ``trained`` is a policy that controls the participant.
     """
@@ -149,7 +149,7 @@ def _with_body(
     distribution: PeopleDistribution,
     impairment: ImpairmentName,
 ) -> ParticipantTraits:
-    """Returns the traits with the joint ranges, strength and tremor of a partner, if any, and of an impairment."""
+    """Returns the traits, with joint ranges, strength and tremor of the impairment and the partner model (if any)."""
     body, partner = distributions.repeat_person(Person(traits.sex, traits.torso_height_m), 1), None
     if distribution.partners is not None:
         partner = distribution.partners.sample(random.random((1, 2)))
@@ -168,7 +168,8 @@ def _with_body(
 
 @dataclass(frozen=True)
 class _Observation:
-    """Inputs of a behaviour model, for one person."""
+    """Inputs of a behaviour model for one person: poses of tool and body. See
+    ``people.cooperation.PersonObservation``."""
 
     tool_pos_w: FloatArray
     head_pos_w: FloatArray
@@ -177,7 +178,7 @@ class _Observation:
 
 
 class SimulatedParticipant:
-    """A simulated participant. Origin and direction of the room differ from those of the simulation.
+    """A simulated participant. The room's origin and direction differ from those of the simulation.
 
     The participant is seated until ``adopt_posture`` is called.
     """
@@ -276,7 +277,7 @@ class SimulatedParticipant:
         )
 
     def _observe_tool(self, state: messages.State) -> None:
-        """Observes the tool and chooses the goals of the motion, ten times a second."""
+        """Observes the tool and updates the goals of the motion, ten times a second."""
         if state.simulation_time_s < self._next_look_s:
             return
         self._next_look_s = state.simulation_time_s + CONTROL_STEP_S
@@ -333,7 +334,7 @@ class SimulatedParticipant:
         self._wanted_rad = self._clip_to_ranges(targets)
 
     def _observation(self, bodies: Mapping[str, FloatArray]) -> _Observation:
-        """Returns the inputs of the behaviour model, from the poses (7,) of bodies by name."""
+        """Returns the inputs of the behaviour model. ``bodies``: poses (7,) in the world frame, by body name."""
         head = bodies[human.PREFIX + "head"]
         head_centre, mouth = (
             head[:3] + transforms.rotate(head[3:], self._sites[name]) for name in ("head_centre", "mouth")
@@ -364,7 +365,7 @@ class SimulatedParticipant:
         self._gesture = gesture, time_s
 
     def tracking_frame_from_angles(self, joint_angles_rad: FloatArray, time_s: float) -> Tracking:
-        """Returns the tracking frame of a body with joint angles (20,)."""
+        """Returns the tracking frame of a body with joint angles (20,), captured at ``time_s``."""
         self._held_rad = joint_angles_rad
         self._data.qpos[:] = joint_angles_rad
         mujoco.mj_kinematics(self._model, self._data)
@@ -380,14 +381,16 @@ class SimulatedParticipant:
         )
 
     def rate_item(self, item: str, points: int, results: AttemptResults) -> int:
-        """Returns a rating, 1 to ``points``, by the item's rule in ``RATING_RULES``. Other items get ratings around the
-        middle."""
+        """Returns a rating, 1 to ``points``, by the item's function in ``RATING_RULES``.
+
+        The ratings of all other items are near the middle of the scale.
+        """
         wanted = RATING_RULES[item](results) if item in RATING_RULES else 0.5
         share = wanted + self.traits.leniency + self._random.normal(0.0, RATING_NOISE_STD)
         return 1 + round(min(max(share, 0.0), 1.0) * (points - 1))
 
     def _aim(self) -> None:
-        """Sets the goal of the motor model: the rest pose, or the joint angles that the behaviour model chooses."""
+        """Sets the goal of the motor model: the rest pose, or the joint angles that the behaviour model returns."""
         traits, mind, startled = self.traits, self._behaviour_state, None
         goal = self._rest_rad[None]
         if self._moving:
@@ -402,7 +405,7 @@ class SimulatedParticipant:
         self._motor = motor.set_goal_angles(self._motor, self._clip_to_ranges(goal), startled)
 
     def _move_until(self, time_s: float) -> FloatArray:
-        """Returns the joint angles (20,) at a time. The motion advances in steps of 10 ms."""
+        """Returns the joint angles (20,) in radians at a time. The motion advances in steps of 10 ms."""
         if self._moved_s is None or time_s - self._moved_s > MAX_MOTION_STEP_S:
             self._moved_s = time_s - (0.0 if self._moved_s is None else MAX_MOTION_STEP_S)
         steps = int((time_s - self._moved_s) / PHYSICS_STEP_S + 1e-6)
@@ -432,7 +435,7 @@ class SimulatedParticipant:
         return impairments.clip_to_ranges(self._people, joint_angles_rad)
 
     def _stance_rad(self) -> FloatArray:
-        """Returns the change of the joint angles (20,) by lean and arm posture."""
+        """Returns the change of the joint angles (20,) in radians by lean and arm posture."""
         traits = self.traits
         stance = human.seated_joint_angles(
             waist_x=traits.lean_deg,
@@ -443,7 +446,7 @@ class SimulatedParticipant:
         return stance - SEATED_POSE_RAD
 
     def _measure(self, part: str, pose: XRPose) -> XRPose:
-        """Returns the measured pose, which differs at least slightly from the previous one."""
+        """Returns the measured pose of a body part. It differs at least slightly from the previous measured pose."""
         if pose == self._measured.get(part):
             x, y, z = pose.position
             pose = XRPose((x + MIN_POSE_DIFFERENCE_M, y, z), pose.orientation)
@@ -461,5 +464,8 @@ class SimulatedParticipant:
 
 
 def _arm_pos_w(bodies: Mapping[str, FloatArray], arm: Side) -> FloatArray:
-    """Returns the positions (1, 3, 3) of shoulder, elbow and wrist, from the poses (7,) of bodies by name."""
+    """Returns the positions (1, 3, 3) of shoulder, elbow and wrist, in metres in the world frame.
+
+    ``bodies``: poses (7,) of bodies, by body name.
+    """
     return np.stack([bodies[human.PREFIX + part][:3] for part in human.ARM_BODIES[arm]])[None]

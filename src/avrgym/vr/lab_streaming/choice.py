@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 import msgspec
 
 STREAM_NAME_PATTERN = re.compile(r"[A-Za-z][A-Za-z0-9]{0,39}")
-"""Allowed names of streams. They are also parts of file names."""
+"""Pattern of allowed stream names. File names contain these names."""
 STREAM_QUERY_PATTERN = re.compile(
     r"{one}( and {one})*".format(one=r"(name|type|source_id|hostname)='[^'<>&\"]{1,80}'")
 )
-"""Allowed queries for streams, see ``STREAM_QUERY_HELP``."""
+"""Pattern of allowed queries for streams, see ``STREAM_QUERY_HELP``."""
 STREAM_QUERY_HELP = "name='…', type='…', source_id='…' or hostname='…', several of them joined by \"and\""
 
 

@@ -12,19 +12,20 @@ from avrgym.array_types import NumpyArray
 from avrgym.recording.schema import Stream, StreamSamples
 
 STREAM_SEARCH_DURATION_S = 1.0
-"""Duration of one search for a stream."""
+"""Duration of one search for a stream, in seconds."""
 REQUEST_TIMEOUT_S = 5.0
-"""Timeout of requests to a stream."""
+"""Timeout of requests to a stream, in seconds."""
 MAX_CHUNK_DURATION_S = 0.05
-"""Maximum duration of a chunk of samples. Short chunks do not delay ticks."""
+"""Maximum duration in seconds of a chunk of samples. Short chunks do not delay ticks."""
 MAX_CHUNK_SAMPLES = 4096
 """Maximum number of samples in a chunk."""
 MAX_QUEUED_CHUNKS = 600
 """Maximum number of chunks in the queue. If it is full, the oldest chunks are dropped."""
 BUFFER_DURATION_S = 60
-"""Duration of the samples in the receive buffer."""
+"""Duration in seconds of the samples in the receive buffer."""
 SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS = 1.0, 5.0
-"""A regular stream counts as lost if no samples arrive for this time and this number of intervals."""
+"""A stream with a fixed rate is considered lost after this time in seconds, and this number of sample intervals,
+without samples."""
 
 
 class Inlet:
@@ -34,7 +35,8 @@ class Inlet:
     """
 
     def __init__(self, name: str, query: str) -> None:
-        """Start to search for the stream."""
+        """Start to search for the stream. ``name``: name of the stream in the study. ``query``: query that the stream
+        matches."""
         self.name = name
         self.available = False
         self._query = query
@@ -52,7 +54,7 @@ class Inlet:
         self._stopping.set()
 
     def join(self) -> None:
-        """Wait until the thread ends, at most ``REQUEST_TIMEOUT_S``."""
+        """Wait until the thread ends, at most ``REQUEST_TIMEOUT_S`` seconds."""
         self._thread.join(REQUEST_TIMEOUT_S)
 
     def _run(self) -> None:
@@ -92,7 +94,7 @@ class Inlet:
 
 
 def describe_stream(name: str, info: pylsl.StreamInfo) -> Stream:
-    """Returns the description of a stream for recordings."""
+    """Returns the description of a stream for recordings: name, type, rate and channels."""
     return Stream(
         name=name,
         device_name=info.name(),
@@ -104,7 +106,7 @@ def describe_stream(name: str, info: pylsl.StreamInfo) -> Stream:
 
 
 def _plain(samples: NumpyArray) -> list[list[Any]]:
-    """Returns samples as lists of numbers, or of text that is decoded from bytes."""
+    """Returns samples as lists of numbers, or as lists of decoded text."""
     if samples.dtype != object:
         return samples.tolist()
     return [[text.decode(errors="replace") for text in row] for row in samples]

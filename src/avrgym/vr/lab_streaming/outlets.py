@@ -14,25 +14,25 @@ from avrgym.vr.session.events import SessionEvent
 from avrgym.vr.session.streams import SEND_INTERVAL_TICKS
 
 SEND_RATE_HZ = 1.0 / (SEND_INTERVAL_TICKS * TICK_S)
-"""Sample rate of poses and forces."""
+"""Sample rate of poses and forces, in Hz."""
 SENT_BODIES = {
     "head": f"{PREFIX}head",
     "left_hand": f"{PREFIX}left_hand",
     "right_hand": f"{PREFIX}right_hand",
     "tool": "robot/tool",
 }
-"""Bodies of the sent poses, by their names in the stream."""
+"""Name of the body of each sent pose, by the pose's name in the stream."""
 POSE_CHANNELS = {"x": "m", "y": "m", "z": "m", "qw": "", "qx": "", "qy": "", "qz": ""}
 """The channels of a pose in the world frame (z up), with their units."""
 BUFFER_DURATION_S = 10
-"""Duration of the samples in the send buffer."""
+"""Duration in seconds of the samples in the send buffer."""
 
 
 class Outlets:
     """Sends three streams: ``AVR Gym events`` (JSON), ``AVR Gym poses`` and ``AVR Gym forces``.
 
-    Poses are those of simulated bodies in the world frame. Forces are in newtons, with one channel for each body
-    region.
+    The stream of poses contains simulated bodies in the world frame. Forces are in newtons, with one channel for each
+    body region.
     """
 
     def __init__(self) -> None:

@@ -14,26 +14,26 @@ from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.session.events import SessionEvent
 
 MAX_CLOCK_DRIFT_S = 1e-6
-"""Maximum drift per tick between the session's clock and Lab Streaming Layer's clock. On one computer, the drift is
-smaller."""
+"""Maximum drift in seconds per tick between the session's clock and Lab Streaming Layer's clock. On one computer, the
+actual drift is smaller."""
 
 
 class LabStreams:
     """The streams of a session over Lab Streaming Layer. Implements ``session.streams.DeviceStreams``.
 
-    The session passes the start time of its tick, which is earlier than the call. Therefore, the call with the smallest
-    delay determines the clock offset between the session and Lab Streaming Layer.
+    The session passes the start time of its tick, which is earlier than the call. The call with the smallest delay
+    therefore determines the offset between both clocks.
     """
 
     def __init__(self, choice: StreamSettings) -> None:
-        """Create the streams to send, and start the search for the streams to receive."""
+        """Create the sent streams, and start the search for the received streams."""
         self._clock_offset_s: float | None = None
         self._inlets = [Inlet(name, query) for name, query in choice.receive.items()]
         self._outlets = Outlets() if choice.send else None
 
     @property
     def available(self) -> Mapping[str, bool]:
-        """Whether each requested stream is available, by stream name."""
+        """Whether each received stream is available, by stream name."""
         return {inlet.name: inlet.available for inlet in self._inlets}
 
     def pop_samples(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
@@ -46,7 +46,7 @@ class LabStreams:
         ]
 
     def send_event(self, event: SessionEvent) -> None:
-        """Send an event. The time stamp of an event before the session's first tick is the time of this call."""
+        """Send an event. Before the session's first tick, its time stamp is the time of this call."""
         if self._outlets is None:
             return
         if self._clock_offset_s is None or event.time_s == 0.0:
@@ -60,7 +60,7 @@ class LabStreams:
             self._outlets.send_state(world, now_s - self._clock_offset_s)
 
     def close(self) -> None:
-        """Stop receiving and sending."""
+        """Stop to receive and to send all streams."""
         for inlet in self._inlets:
             inlet.stop()
         for inlet in self._inlets:
@@ -68,7 +68,8 @@ class LabStreams:
         self._outlets = None
 
     def _aligned(self, now_s: float) -> float:
-        """Returns the session's clock minus Lab Streaming Layer's clock. The session's time is at least ``now_s``."""
+        """Returns the session's clock minus Lab Streaming Layer's clock, in seconds. The session's time is at least
+        ``now_s``."""
         seen_s = now_s - pylsl.local_clock()
         return (
             seen_s if self._clock_offset_s is None else max(self._clock_offset_s - MAX_CLOCK_DRIFT_S, seen_s)

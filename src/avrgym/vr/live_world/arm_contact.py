@@ -24,7 +24,7 @@ class ArmContactMonitor:
         }
 
     def touched_sides(self) -> tuple[bool, bool]:
-        """Returns whether robot or tool touch the left and the right arm (with its hand)."""
+        """Returns (left, right): whether robot or tool touches this arm or its hand."""
         geoms = self._batch.get_data(0, self._data).contact.geom
         return self._touches("left", geoms), self._touches("right", geoms)
 

@@ -27,14 +27,14 @@ RandomGenerators = Sequence[np.random.Generator]
 """Random generators of the episodes, one for each world."""
 
 RESPONSE_TIMEOUT_S = 0.08
-"""Maximum time in which an external controller must return an action, within the control step of 0.1 s."""
+"""Maximum response time of an external controller in seconds. A control step lasts 0.1 s."""
 SIMULATED_CONTROLLER_TIMEOUT_S = 10.0
-"""The same maximum for sessions in simulated time. These sessions wait for the action."""
+"""Maximum response time in seconds in sessions in simulated time, which wait for the action."""
 OPERATOR_TIMEOUT_S = 0.2
-"""The robot stops if the operator sends no command for this time."""
+"""The robot stops if the operator sends no command for this time in seconds."""
 
 EMPTY_ACTION = np.zeros((1, 0))
-"""The action (1, 0) before the first episode, while the number of joints is unknown."""
+"""The action (1, 0) before the first episode. The number of joints is then unknown."""
 
 
 def zero_action(episodes: Episodes) -> FloatArray:
@@ -47,7 +47,7 @@ class Driver(Protocol):
 
     @property
     def failure_message(self) -> str:
-        """Message of the current ``ControllerError``; empty if there is none."""
+        """Message of the current ``ControllerError``; empty without an error."""
         ...
 
     @property
@@ -56,11 +56,11 @@ class Driver(Protocol):
         ...
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
-        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
+        """Prepare for the episode that has just started. ``generators`` contains the episode's random generator."""
         ...
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
+        """Returns the action (1, A) at the start of a control step, from the observation (1, O) at this time."""
         ...
 
     def update_action(self) -> FloatArray | None:
@@ -73,7 +73,8 @@ class Driver(Protocol):
 
 
 def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
-    """Returns the driver for a policy. With ``background``, callers do not wait for external controllers."""
+    """Returns the driver for a policy. ``background``: whether an external controller computes while the session
+    continues."""
     if isinstance(policy, HumanOperator):
         return OperatorDriver()
     if isinstance(policy, ExternalController):
@@ -82,7 +83,8 @@ def make_driver(policy: AnyPolicy, *, background: bool) -> Driver:
 
 
 def _prepare(policy: AnyPolicy, episodes: Episodes) -> None:
-    """Compiles the rendered scene for a policy with cameras. If rendering is impossible, ``act`` reports the error."""
+    """Compiles the scene for rendering if the policy has cameras. If rendering is impossible, ``act`` reports the
+    error."""
     with suppress(RuntimeError, ValueError):
         registry.warm_up_renderer(policy, episodes)
 
@@ -101,13 +103,13 @@ class SynchronousDriver:
         return self.failure_message != ""
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
-        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
+        """Prepare for the episode that has just started. ``generators`` contains the episode's random generator."""
         self.failure_message, self._act = "", None
         self._episode, self._zero_action = (episodes, generators), zero_action(episodes)
         _prepare(self._policy, episodes)
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
+        """Returns the action (1, A) at the start of a control step, from the observation (1, O) at this time."""
         try:
             act = self._act = self._act or registry.action_function(self._policy, *self._episode)
             action = controllers.checked_action(lambda: act(observation), self._zero_action.shape)
@@ -121,16 +123,16 @@ class SynchronousDriver:
         """Returns ``None``: the action does not change within a control step."""
 
     def close(self) -> None:
-        """Does nothing."""
+        """Does nothing, because this driver has no thread."""
 
 
 class ThreadedDriver:
     """Drives the robot with an external controller that runs in its own thread.
 
-    The latest action stays active until the controller returns the next one. After a failure or a timeout, the robot
-    holds its position. Late actions are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` with ``background``, otherwise
-    ``SIMULATED_CONTROLLER_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller replaces
-    it.
+    The latest action remains active until the controller returns the next action. After a failure or a timeout, the
+    robot holds its position. Late actions are ignored. The timeout is ``RESPONSE_TIMEOUT_S`` with ``background``,
+    otherwise ``SIMULATED_CONTROLLER_TIMEOUT_S``. If the controller is still busy at the next episode, a new controller
+    replaces it.
     """
 
     def __init__(self, factory: ExternalController, *, background: bool) -> None:
@@ -148,7 +150,7 @@ class ThreadedDriver:
         return self.failure_message != ""
 
     def reset(self, episodes: Episodes, generators: RandomGenerators) -> None:
-        """Prepare for the episode that has just started. ``generators`` contains its random generator."""
+        """Prepare for the episode that has just started. ``generators`` contains the episode's random generator."""
         if self._worker.busy:
             self._worker.close()
             self._worker = ControllerThread(self._controller_factory)
@@ -160,7 +162,7 @@ class ThreadedDriver:
         self._hold("")
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the action (1, A) at the start of a control step, given its observation (1, O)."""
+        """Returns the action (1, A) at the start of a control step, from the observation (1, O) at this time."""
         self._poll()
         if self._ready is None or not self._ready.done:
             self._hold(self._timeout_message)
@@ -203,7 +205,7 @@ class ThreadedDriver:
         return request
 
     def _poll(self) -> None:
-        """Applies an action that has arrived, or ignores a late one."""
+        """Applies an action that has arrived. A late action is ignored."""
         pending = self._pending
         if pending is None:
             return
@@ -221,14 +223,14 @@ class ThreadedDriver:
 
 
 ControllerCall = Callable[[Controller], FloatArray | None]
-"""A function that calls a controller, and returns its action if there is one."""
+"""A function that calls a controller, and returns the controller's action (``None`` without an action)."""
 
 
 class ControllerRequest:
-    """A request to a controller.
+    """A request to an external controller, with its answer.
 
-    ``answer``: the controller's action, if any. ``failure_message``: the error message. They are set before ``done`` is
-    true.
+    ``answer``: the controller's action; ``None`` without an action. ``failure_message``: the error message; empty
+    without an error. Both are set before ``done`` becomes true.
     """
 
     def __init__(self, work: ControllerCall) -> None:
@@ -244,7 +246,7 @@ class ControllerRequest:
 
     @property
     def elapsed_s(self) -> float:
-        """Time from the request to its end; if it is not done, until now."""
+        """Time in seconds from the request to its end, or until now if it is not done."""
         return (self._ended_s if self.done else time.monotonic()) - self._requested_s
 
     def run(self, get_controller: Callable[[], Controller]) -> None:
@@ -277,7 +279,7 @@ class ControllerThread:
 
     @property
     def busy(self) -> bool:
-        """Whether a request is not done."""
+        """Whether at least one request is not done."""
         return self._latest is not None and not self._latest.done
 
     def submit(self, work: ControllerCall) -> ControllerRequest:
@@ -345,9 +347,9 @@ class OperatorDriver:
         self.stop_robot()
 
     def apply_command(self, command: Drive, now_s: float) -> str:
-        """Apply a velocity command. ``now_s``: the current time on the session's clock.
+        """Apply a velocity command to the robot's hand. ``now_s``: the current time on the session's clock.
 
-        Returns the reason if the command is rejected, once per attempt to drive; otherwise an empty text.
+        Returns the reason if the command is rejected, once for each series of commands; otherwise an empty text.
         """
         if not command.engaged:
             self._leave(command.source)
@@ -360,7 +362,7 @@ class OperatorDriver:
         return ""
 
     def apply_steering(self, steer: Steer, now_s: float) -> str:
-        """Applies the pose of the demonstrator's controller. Returns the same as ``apply_command``.
+        """Applies the pose of the demonstrator's controller. Returns a rejection reason, as ``apply_command`` does.
 
         After a change of clutch, viewpoint or scale, the current poses of tool and controller become the references.
         The tool therefore does not jump.
@@ -379,7 +381,7 @@ class OperatorDriver:
         return ""
 
     def stop_robot(self) -> None:
-        """Stop the robot until the next command."""
+        """Stop the robot. It remains at rest until the next command."""
         self._velocity = self._controller = self._clutch = self.holder = None
         self._changed = True
 

@@ -16,7 +16,7 @@ from avrgym.vr.protocol.messages import Skeleton
 from avrgym.vr.tracking.body import ARM_JOINT_INDICES, HEAD_JOINT_INDICES, WAIST_JOINT_INDICES
 
 OBSTRUCTED_DISPLACEMENT_M, FREE_DISPLACEMENT_M = 0.008, 0.004
-"""Displacements by contacts: above the first, a part becomes obstructed; below the second, it becomes free."""
+"""Displacement by contacts in metres above which a body part becomes obstructed, and below which it becomes free."""
 FINGERTIP_DISTANCE_RADII = 4.0
 """Distance of the fingertips from the wrist, in radii of the hand."""
 
@@ -59,7 +59,7 @@ class ObstructionMonitor:
         )
 
     def _displacement_m(self, turns: FloatArray) -> FloatArray:
-        """Returns the displacement (P, 3) of each point by joint rotations (20,) in radians, metres."""
+        """Returns the displacement (P, 3) in metres of each point by joint rotations ``turns`` (20,) in radians."""
         axes_w, anchors_w = self._axis[0, self._joints], self._anchor[0, self._joints]
         points_w = self._xpos[0, self._bodies] + self._along_m[:, None] * self._xmat[0, self._bodies, 2::3]
         levers = transforms.cross(axes_w[:, None], points_w - anchors_w[:, None])

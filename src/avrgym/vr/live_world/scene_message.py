@@ -13,9 +13,9 @@ from avrgym.vr.tracking.body import skeleton
 
 
 def most_loaded_region(simulation: Simulation) -> tuple[str, float]:
-    """Returns the name of the body region with the highest force relative to its limit, and this ratio.
+    """Returns the name of the body region with the highest ratio of force to allowed force, and this ratio.
 
-    The region is that of the person in the first world. Without contact, returns ``""`` and 0.
+    Only the person in the first world is considered. Without contact, returns ``""`` and 0.
     """
     share = simulation.region_force_n()[0] / QUASI_STATIC_LIMIT_N
     most = int(share.argmax())

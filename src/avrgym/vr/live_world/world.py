@@ -1,4 +1,4 @@
-"""The world of a participant: one scene with a moving person, stepped tick by tick."""
+"""The world of a participant: one scene with a moving person, simulated in ticks of 10 ms."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -32,7 +32,7 @@ from avrgym.vr.tracking.body import BodyPose, BodySolver, skeleton
 BRAKING_TICKS = 30
 """Number of ticks for which the brakes stop the robot before its retreat."""
 MAX_REST_RETURN_STEP_RAD = 0.01
-"""Maximum rotation per tick of the joints of an arm that returns to its rest pose: 1 rad/s."""
+"""Maximum rotation per tick, in radians, of the joints of an arm that returns to its rest pose (1 rad/s)."""
 
 
 class LiveWorld:
@@ -60,7 +60,7 @@ class LiveWorld:
 
     @property
     def applied_action(self) -> FloatArray | None:
-        """The robot's action (A,) if it changed at the latest tick, otherwise ``None``."""
+        """The robot's new action (A,) if the action changed at the latest tick, otherwise ``None``."""
         return self._loop.applied_action
 
     @property
@@ -70,22 +70,22 @@ class LiveWorld:
 
     @property
     def guard(self) -> ForceGuard | None:
-        """The force guard, if the trial has one."""
+        """The force guard of the current episode; ``None`` without a force guard."""
         return self._loop.guard
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """The bodies of the scene, in the order of their poses."""
+        """Names of the bodies of the scene, in the order of their poses in state messages."""
         return self._episodes.simulation.bodies
 
     @property
     def simulation(self) -> Simulation:
-        """The physics simulation of the world."""
+        """The physics simulation, with this world as its only world."""
         return self._episodes.simulation
 
     @property
     def environment_id(self) -> str:
-        """The environment's id."""
+        """The environment's id, such as ``avrgym/FeedingJaco-v1``."""
         return self._episodes.environment_id
 
     @property
@@ -95,17 +95,17 @@ class LiveWorld:
 
     @property
     def task(self) -> Task:
-        """The task of the environment."""
+        """The task of the environment: its goal, reward and success criterion."""
         return self._episodes.task
 
     @property
     def settings(self) -> Settings:
-        """The settings of the scene."""
+        """The settings with which the scene was built."""
         return self._episodes.settings
 
     @property
     def time_s(self) -> float:
-        """Simulated time since the creation of the world. A reset does not change it."""
+        """Simulated time in seconds since the creation of the world. A reset does not change it."""
         return self.ticks * TICK_S
 
     def reset(self, seed: int) -> None:
@@ -145,7 +145,7 @@ class LiveWorld:
         self._retreated_ticks: int | None = None
 
     def start_retreat(self) -> None:
-        """Stop the robot, then move its tool away from the person, once per episode; see ``safety.retreat``."""
+        """Stop the robot, then move its tool away from the person, at most once per episode; see ``safety.retreat``."""
         self.stop_robot()
         self._retreated_ticks = 0
 
@@ -176,17 +176,17 @@ class LiveWorld:
 
     @property
     def pacing(self) -> PacingLayer | None:
-        """The pacing layer, if the trial has one."""
+        """The pacing layer, which executes commands to the robot; ``None`` without it."""
         return self._loop.pacing
 
     def apply_command(self, command: CommandName) -> bool:
-        """Applies a command of the participant. Returns whether it has an effect on the robot."""
+        """Applies a command of the participant. Returns whether the command has an effect on the robot."""
         return bool(self._loop.apply_command(command)[0])
 
     def expert(self) -> ActionFunction:
         """Returns an expert for the current episode: a function of observations (1, O) to actions (1, A).
 
-        It is the expert that training imitates. Its actions depend on the present state, so a driver may also deviate
+        Training imitates the same expert. Its actions depend only on the current state. A driver may therefore deviate
         from them.
         """
         task = self._episodes.task
@@ -214,7 +214,7 @@ class LiveWorld:
         return self._loop.tick(driver, hold=hold)
 
     def _tick_retreat(self, ticks: int, *, hold: bool) -> None:
-        """Commands the robot every 0.1 s until the retreat is complete."""
+        """Commands the robot every 0.1 s until the retreat is complete. ``ticks``: number of ticks since its start."""
         if hold:
             self._loop.advance_with_action(self._zeros if self._loop.moving else None, hold=True)
             return
@@ -229,7 +229,7 @@ class LiveWorld:
 
     @property
     def skeleton(self) -> messages.Skeleton:
-        """Dimensions of the person's body."""
+        """Dimensions of the person's body in metres, for clients."""
         return skeleton(self.person, self._episodes.scene.posture)
 
     def encode_poses(self) -> bytes:

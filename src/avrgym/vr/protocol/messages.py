@@ -1,7 +1,7 @@
 """The protocol between the VR client and the server.
 
 Every WebSocket message is a MessagePack map with a ``type`` tag. ``scripts/write_typescript.py`` generates the
-TypeScript types from this module. Poses of headset and controllers are those of WebXR: reference space
+TypeScript types from this module. Poses of headset and controllers have the conventions of WebXR: reference space
 ``local-floor``, metres, y up, quaternions x, y, z, w. The server converts them.
 
 Watchers are the clients of experimenters, caregivers, demonstrators and spectators.
@@ -31,11 +31,11 @@ PROTOCOL_VERSION = 17
 """Version of the protocol. Client and server must have the same version."""
 
 TICK_S = PHYSICS_STEP_S
-"""Period of the real-time loop."""
+"""Period of the real-time loop in seconds."""
 
 MAX_UNACKNOWLEDGED_STATES = 8
-"""Maximum number of states that are sent before the client acknowledges them. With a round trip of more than 60 ms,
-some states are skipped."""
+"""Maximum number of sent states that the client has not acknowledged. If a round trip takes more than 60 ms, some
+states are skipped."""
 STATES_PER_RECEIPT = 2
 
 Vector3 = tuple[float, float, float]
@@ -64,10 +64,10 @@ class XRPose(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Skeleton(msgspec.Struct, frozen=True):
-    """A person's body dimensions in metres, for inverse and forward kinematics.
+    """Dimensions of a person's body in metres, for inverse and forward kinematics.
 
     ``hips_pos_w`` and ``hips_q_w`` (w, x, y, z): the pose of the hips in the world frame. ``waist`` is in the frame of
-    the hips, ``neck`` and ``right_shoulder`` are in that of the torso. ``head_centre_m``: height above the neck.
+    the hips; ``neck`` and ``right_shoulder`` are in the frame of the torso. ``head_centre_m``: height above the neck.
     """
 
     hips_pos_w: Vector3
@@ -91,7 +91,7 @@ class StageLatency(msgspec.Struct, frozen=True):
 
 
 class StreamStatus(msgspec.Struct, frozen=True):
-    """A stream of another device by its name in the study, and whether it is available."""
+    """Whether the stream of another device is available. ``name``: name of the stream in the study."""
 
     name: str
     present: bool
@@ -105,14 +105,14 @@ class CommandLabel(msgspec.Struct, frozen=True):
 
 
 class Message(msgspec.Struct, frozen=True, tag_field="type", forbid_unknown_fields=True):
-    """Base of all messages."""
+    """Base class of all messages between client and server."""
 
 
 # From the client -------------------------------------------------------------------------------------------
 
 
 class Hello(Message, frozen=True, tag="hello"):
-    """The first message of a connection. ``token`` comes from the fragment of the page's address."""
+    """The first message of a connection. ``token`` is in the fragment of the page's address."""
 
     protocol: int
     token: Annotated[str, msgspec.Meta(max_length=128)]
@@ -137,7 +137,8 @@ class Tracking(Message, frozen=True, tag="tracking"):
 
 
 class Receipt(Message, frozen=True, tag="receipt"):
-    """Acknowledges states; sent after every ``STATES_PER_RECEIPT`` states. ``num_states``: total number received."""
+    """Acknowledges states; sent after every ``STATES_PER_RECEIPT`` states. ``num_states``: number of all received
+    states."""
 
     num_states: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="states")
 
@@ -147,7 +148,7 @@ class Entered(Message, frozen=True, tag="entered"):
 
 
 class Left(Message, frozen=True, tag="left"):
-    """The participant left VR. The connection may remain."""
+    """The participant left VR. The connection may remain open."""
 
 
 class Ready(Message, frozen=True, tag="ready"):
@@ -169,7 +170,7 @@ class Stop(Message, frozen=True, tag="stop"):
 class RobotCommand(Message, frozen=True, tag="robot_command"):
     """A command of the participant to the robot, see ``avrgym.commands.vocabulary``.
 
-    ``source``: the input that gave it. ``client_time_ms``: time of the input, on the clock of the page.
+    ``source``: the source of the command, such as a key. ``client_time_ms``: time of the input, on the page's clock.
     """
 
     name: RobotCommandName
@@ -184,7 +185,7 @@ class VisibilityChanged(Message, frozen=True, tag="visibility_changed"):
 
 
 class Recalibrate(Message, frozen=True, tag="recalibrate"):
-    """The participant requests a new calibration, because body or seat do not fit."""
+    """The participant requests a new calibration, because the virtual body or seat does not fit."""
 
 
 class RequestBreak(Message, frozen=True, tag="request_break"):
@@ -192,7 +193,7 @@ class RequestBreak(Message, frozen=True, tag="request_break"):
 
 
 class ChangePreferences(Message, frozen=True, tag="change_preferences"):
-    """The participant wants to change how the robot helps, before the next trial."""
+    """The participant requests the questions about preferences for the robot, before the next trial."""
 
 
 class OriginReset(Message, frozen=True, tag="origin_reset"):
@@ -222,9 +223,9 @@ class Target(msgspec.Struct, frozen=True):
 
 
 class Offered(Message, frozen=True, tag="offered"):
-    """The targets that the participant can select now. The experimenter may select one for the participant.
+    """The targets that the participant can select now. The experimenter may select a target for the participant.
 
-    ``offer_number`` increases with each offer. An offer without targets ends the previous one.
+    ``offer_number`` increases with each offer. An offer without targets ends the previous offer.
     """
 
     offer_number: Annotated[int, msgspec.Meta(ge=0)] = msgspec.field(name="number")
@@ -236,7 +237,7 @@ class Latency(Message, schema.Latency, frozen=True, tag="latency"):
 
 
 class HeadsetFrames(Message, frozen=True, tag="headset_frames"):
-    """Intervals between the frames of the last second during the headset check, and the device.
+    """Frame intervals of the last second during the headset check, with a description of the device.
 
     ``device``: the browser's user agent. ``profiles``: input profiles of the controllers. ``display_hz``: refresh rate
     of the display, if known.
@@ -292,11 +293,11 @@ class Command(Message, frozen=True, tag="command"):
 
 
 class ChooseParticipantBody(ChooseBody, frozen=True, tag="choose_body"):
-    """The experimenter's choice of the participant's body model."""
+    """The experimenter's choice of the participant's body model, as ``ChooseBody``."""
 
 
 class CorrectTorsoHeight(Message, frozen=True, tag="correct_torso_height"):
-    """The torso height measured by the experimenter. The body is rebuilt with this height."""
+    """The participant's torso height as the experimenter measured it. The body is rebuilt with this height."""
 
     torso_height_m: float
 
@@ -324,7 +325,7 @@ class Steer(Message, frozen=True, tag="steer"):
     """The demonstrator's controller in one XR frame. While ``clutch`` is true, the tool repeats its relative motion.
 
     ``grip``: pose of the grip in the demonstrator's ``local-floor`` space; ``None``: not tracked. ``xr_from_world``:
-    pose of the world in this space. ``scale``: translation of the tool divided by that of the controller.
+    pose of the world in this space. ``scale``: translation of the tool divided by the translation of the controller.
     """
 
     clutch: bool
@@ -334,7 +335,7 @@ class Steer(Message, frozen=True, tag="steer"):
 
 
 class Demonstrate(Message, frozen=True, tag="demonstrate"):
-    """A button of a demonstration session: starts an episode, ends it as a success, or discards it."""
+    """A pressed button in a demonstration session: it starts an episode, ends it as a success, or discards it."""
 
     button: DemonstrationButton
 
@@ -412,7 +413,8 @@ Role = Literal["participant", "spectator", "experimenter", "caregiver", "demonst
 
 
 class Welcome(Message, frozen=True, tag="welcome"):
-    """The connection is accepted in a role. ``haptics`` and ``sounds``: feedback that the session plan enables."""
+    """The server accepts the connection in a role. ``haptics``, ``sounds``: whether the session plan enables this
+    feedback."""
 
     protocol: int
     session: str
@@ -439,11 +441,11 @@ class Body(Message, frozen=True, tag="body"):
 
 
 class Input(Message, InputProfile, frozen=True, tag="input"):
-    """The participant's input profile, with their ways to stop."""
+    """The participant's input profile, with the stop methods."""
 
 
 class Targets(Offered, frozen=True, tag="targets"):
-    """The participant's ``offered`` targets, for experimenters."""
+    """The targets that the participant can select now, for experimenters."""
 
 
 class Pressed(Press, frozen=True, tag="pressed"):
@@ -451,14 +453,14 @@ class Pressed(Press, frozen=True, tag="pressed"):
 
 
 class Scene(Message, frozen=True, tag="scene"):
-    """A scene to display: the address of a GLB whose nodes have ``extras.body``, and the pose of the world.
+    """A scene to display: the address of a GLB file, and the pose of the world. Nodes of the file have ``extras.body``.
 
-    ``xr_from_world`` is the pose of the z-up world frame in ``local-floor``; apply it to the root node. ``bodies``:
-    the order of the poses in later state messages. ``marks``: number of spheres on the person that show the targets of
-    the task. In state messages, their positions come after the bodies. All have the same radius and colour (RGB in
-    [0, 1]). The first-person view hides ``head_bodies``. Its viewpoint is ``eyes``, in the frame of the first head body
-    (x left, −y forward, z up). ``skeleton``: the participant's body dimensions. Names of the participant's bodies begin
-    with ``person/``.
+    ``xr_from_world``: pose of the z-up world frame in ``local-floor``, for the root node. ``bodies``: the order of the
+    poses in later state messages. ``marks``: number of spheres on the person that show the targets of the task. In
+    state messages, their positions come after the bodies. All marks have the same radius and colour (RGB in [0, 1]).
+    The first-person view hides ``head_bodies``. Its viewpoint is ``eyes``, in the frame of the first head body (x left,
+    −y forward, z up). ``skeleton``: the participant's body dimensions. Names of the participant's bodies begin with
+    ``person/``.
     """
 
     url: str
@@ -473,9 +475,9 @@ class Scene(Message, frozen=True, tag="scene"):
 
 
 class Placed(Message, frozen=True, tag="placed"):
-    """Move the world linearly to another pose in ``local-floor`` within a time.
+    """Commands the client to move the world linearly to another pose in ``local-floor``, in a given time.
 
-    The server sends it when a participant has slid on the seat.
+    The server sends this message when a participant has slid on the seat.
     """
 
     xr_from_world: XRPose
@@ -491,8 +493,8 @@ class Upcoming(Message, frozen=True, tag="upcoming"):
 class State(Message, frozen=True):
     """The state of the world at one time, inside the server. Clients receive it as a ``StateChange``.
 
-    ``poses``: little-endian float32 (bodies + marks, 7): x, y, z, then w, x, y, z; world frame.
-    ``joint_targets``: little-endian float32, radians. The other fields are those of ``StateChange``.
+    ``poses``: little-endian float32 (bodies + marks, 7) in the world frame: position x, y, z, quaternion w, x, y, z.
+    ``joint_targets``: little-endian float32, radians. For the other fields, see ``StateChange``.
     """
 
     sequence: int
@@ -508,13 +510,13 @@ class StateChange(Message, frozen=True, tag="state"):
 
     The first state after a ``scene`` message contains all rows. ``tracking_sequence``: the newest tracking frame that
     this state includes, -1 before the first. ``joint_targets``: target angles of the person's joints.
-    ``deviating_parts``: parts of the body that cannot follow tracking, because of an obstacle or lost tracking; the
+    ``deviating_parts``: parts of the body that cannot follow tracking, because of an obstacle or lost tracking. The
     client draws the simulated poses of these parts.
 
     ``joint_targets`` has steps of 1e-5 rad and one row per joint. ``poses`` has one row x, y, z, w, x, y, z per body or
-    mark. Its steps are 0.1 mm for the position and 5e-5 for the quaternion. Unchanged rows are omitted. Each row begins
-    with the number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of
-    Protocol Buffers.
+    mark. Positions have steps of 0.1 mm, quaternions of 5e-5. Unchanged rows are omitted. Each row begins with the
+    number of omitted rows before it. Its differences follow in zigzag encoding. All numbers are varints of Protocol
+    Buffers.
     """
 
     sequence: int
@@ -542,9 +544,9 @@ class Phase(Message, frozen=True, tag="phase"):
     """The phase of the session, with the text for the participant.
 
     ``trial``: number of the running or next trial, from 1. ``trials``: number of trials. ``seconds``: time limit.
-    ``text`` is for VR with a trigger. ``texts_by_input``: differing texts for other input methods. ``page_text``: a
-    differing text for the page without a headset. ``key``: the key of the text. ``preferences``: whether the
-    participant may change their preferences for the robot now.
+    ``text`` is for VR with a trigger. ``texts_by_input``: texts for other input methods. ``page_text``: text for the
+    page without a headset. ``key``: the key of the text. ``preferences``: whether the participant may change their
+    preferences for the robot now.
     """
 
     name: PhaseName
@@ -564,8 +566,8 @@ class Question(Message, frozen=True, tag="question"):
 
     ``item``: its identifier. ``points``: number of points of the scale. ``low``, ``high``: texts at the ends of the
     scale. ``labels``: texts of the buttons; default: numbers from 1 to ``points``. ``number``: position in the
-    questionnaire, from 1. ``count``: number of items. ``previous_answer``: the answer before the participant went back,
-    if any.
+    questionnaire, from 1. ``count``: number of items. ``previous_answer``: the earlier answer, if the participant went
+    back to this item.
     """
 
     item: str
@@ -582,9 +584,8 @@ class Question(Message, frozen=True, tag="question"):
 class Problem(Message, frozen=True, tag="problem"):
     """An error in a message or a measurement, with the allowed values. The session continues.
 
-    ``message`` is for VR with a trigger. ``page_message``: a differing text for the page without a headset.
-    ``messages_by_input``: differing texts for other input methods. ``role``: the role that receives the problem. The
-    experimenter receives all problems.
+    ``message`` is for VR with a trigger. ``page_message``: text for the page without a headset. ``messages_by_input``:
+    texts for other input methods. ``role``: the role that receives the problem. The experimenter receives all problems.
     """
 
     message: str
@@ -594,7 +595,8 @@ class Problem(Message, frozen=True, tag="problem"):
 
 
 class RobotCommands(Message, frozen=True, tag="robot_commands"):
-    """The robot commands that are possible now; an empty list if none are. Sent when a field changes.
+    """The robot commands that are possible now; an empty list if no command is possible. Sent when a field changes its
+    value.
 
     ``sources``: the allowed sources. ``mode``: the mode of the pacing layer, see ``avrgym.safety.pacing``; empty
     without the layer. ``speed_factor``: factor of the policy's speed. ``distance_m``: distance at which the robot
@@ -648,18 +650,19 @@ class Status(Message, frozen=True, tag="status"):
 
     ``step``: number of control steps of the attempt. ``steps``: number of control steps of a complete trial.
     ``reward``: the sum of rewards. ``success``: whether the attempt has succeeded until now. ``distance_m`` and
-    ``force_on_person_n`` are values of the latest step. ``force_region``: the body region with the highest force
-    relative to its limit. ``force_share``: this ratio. They are empty and 0 without contact.
+    ``force_on_person_n`` are values of the latest step. ``force_region``: the body region with the highest ratio of
+    force to allowed force; empty without contact. ``force_share``: this ratio; 0 without contact.
 
     ``retracting``: the force guard moves the robot. ``withdrawing``: the robot withdraws its tool after success, or has
     withdrawn it. ``operated``: the experimenter drives the robot in this trial. ``idle``: the robot holds still without
-    an action. ``paused``: no trial may start. ``pause_reason``: the answer that met a stop rule, or empty.
+    an action. ``paused``: no trial may start. ``pause_reason``: the answer that met a stop rule; empty without such an
+    answer.
 
     ``tracking_age_s``: time since the newest valid frame. ``untracked_parts``: parts of the body with stale poses. If
     one of them is in ``needed_parts``, the robot holds still, and the attempt ends after a second. ``latency``: recent
     latencies from tracking to display, in total (``total_ms``) and by stage. ``streams``: streams of other devices.
-    ``headset_s``: the participant's time in VR. ``headset_limit_s``: its limit. ``break_is_due``: a break follows
-    before the next trial.
+    ``headset_s``: the participant's time in VR. ``headset_limit_s``: the maximum time in VR. ``break_is_due``: a break
+    follows before the next trial.
     """
 
     phase: PhaseName
@@ -782,4 +785,4 @@ class DemonstratorDisconnected(msgspec.Struct, frozen=True):
 
 
 ReceivedMessage = ClientMessage | ExperimenterMessage | ParticipantDisconnected | DemonstratorDisconnected
-"""All messages that a session receives: from its clients, and the end of the participant's connection."""
+"""All messages that a session receives: messages of its clients, and messages that a connection has closed."""

@@ -1,7 +1,8 @@
-"""Delta encoding of states for one connection. Values are quantised: each is an integer number of steps.
+"""Delta encoding of states for one connection. Each value is rounded to an integer number of quantisation steps.
 
-A WebSocket delivers every message once and in order. Server and client therefore store the same previous state,
-without acknowledgements. Differences are integers, so errors do not accumulate. Each value is within half a step.
+A WebSocket delivers every message once and in order. Server and client therefore store the same previous state, without
+acknowledgements. Differences are integers. Errors therefore do not accumulate: each decoded value is within half a step
+of the original.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ JOINT_STEP_RAD = 1e-5
 POSE_QUANTISATION_STEPS = np.array([POSITION_STEP_M] * 3 + [QUATERNION_STEP] * 4)
 JOINT_QUANTISATION_STEPS = np.array([JOINT_STEP_RAD])
 MAX_QUANTISATION_STEPS = 2.0**31 - 1.0
-"""Values are clipped to ± this number of steps. NaN is encoded as the lower limit."""
+"""Maximum absolute value in steps. Larger values are clipped. NaN is encoded as the lower limit."""
 
 VARINT_DIGIT_BITS = 7
 
@@ -31,14 +32,14 @@ class StateEncoder:
         self.reset()
 
     def reset(self) -> None:
-        """Reset after a scene message: the next state is encoded without a previous one."""
+        """Reset after a scene message: the next state is encoded without reference to a previous state."""
         self._targets, self._poses = (
             _DeltaCodec(JOINT_QUANTISATION_STEPS),
             _DeltaCodec(POSE_QUANTISATION_STEPS),
         )
 
     def encode(self, state: State) -> StateChange:
-        """Returns the encoded difference to the previous state."""
+        """Returns the encoded difference between ``state`` and the previous state."""
         return StateChange(
             sequence=state.sequence,
             simulation_time_s=state.simulation_time_s,
@@ -56,14 +57,14 @@ class StateDecoder:
         self.reset()
 
     def reset(self) -> None:
-        """Reset after a scene message: the next state is decoded without a previous one."""
+        """Reset after a scene message: the next state is decoded without reference to a previous state."""
         self._targets, self._poses = (
             _DeltaCodec(JOINT_QUANTISATION_STEPS),
             _DeltaCodec(POSE_QUANTISATION_STEPS),
         )
 
     def decode(self, change: StateChange) -> State:
-        """Returns the state. Each value is within half a quantisation step of the original."""
+        """Returns the decoded state. Each value is within half a quantisation step of the original."""
         return State(
             sequence=change.sequence,
             simulation_time_s=change.simulation_time_s,
@@ -75,14 +76,15 @@ class StateDecoder:
 
 
 class _DeltaCodec:
-    """Encodes or decodes rows of numbers as differences to the previous rows, in integer numbers of steps."""
+    """Encodes or decodes rows of numbers as differences to the previous rows. Differences are integer numbers of
+    steps."""
 
     def __init__(self, steps: FloatArray) -> None:
         self._steps = steps
         self._whole: IntegerArray = np.zeros((0, len(steps)), np.int64)
 
     def encode(self, numbers: bytes) -> bytes:
-        """Encode the difference of these numbers (little-endian float32) to the previous ones."""
+        """Encode the differences between ``numbers`` (little-endian float32) and the previous numbers."""
         rows = np.frombuffer(numbers, "<f4").reshape(-1, len(self._steps)) / self._steps
         whole = np.rint(np.fmin(np.fmax(rows, -MAX_QUANTISATION_STEPS), MAX_QUANTISATION_STEPS)).astype(
             np.int64

@@ -22,7 +22,7 @@ UNIT_QUATERNION_TOLERANCE = 1e-2
 
 Z_UP_FROM_Y_UP = transforms.from_axis_angle([1.0, 0.0, 0.0], np.asarray(0.5 * np.pi))
 WRIST_TO_HAND_DISTANCE_M = 0.08
-"""Distance from a tracked wrist to the centre of the hand (Assistive VR Gym, 2020)."""
+"""Distance in metres from a tracked wrist to the centre of the hand (Assistive VR Gym, 2020)."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Registration:
         return transforms.multiply(yaw, Z_UP_FROM_Y_UP)
 
     def to_world(self, pose: XRPose) -> Pose:
-        """Returns a device's pose in the world frame. The device's own axes stay as in WebXR: y up, −z forward."""
+        """Returns a device's pose in the world frame. The device's own axes are those of WebXR: y up, −z forward."""
         x, y, z, w = pose.orientation
         return _compose(Pose(self.origin_w, self.q_w), np.array(pose.position), np.array([w, x, y, z]))
 
@@ -69,8 +69,8 @@ class Registration:
 def registration_from_head(head: XRPose, head_centre_w: FloatArray) -> Registration:
     """Returns the registration that places the participant's head at ``head_centre_w``, with the nose towards −y.
 
-    The real and the simulated head then coincide, and so do the seats. The two floors differ in height by the
-    difference of the seat heights.
+    The real and the simulated head then coincide, and also the real and the simulated seat. If the seats have different
+    heights, the real floor is above or below the simulated floor.
     """
     upright = head_pose(Registration(np.zeros(3), 0.0), head)
     ahead = transforms.rotate(upright.q_w, [0.0, -1.0, 0.0])
@@ -80,7 +80,7 @@ def registration_from_head(head: XRPose, head_centre_w: FloatArray) -> Registrat
 
 
 def head_pose(registration: Registration, head: XRPose) -> Pose:
-    """Returns the pose of the head (its centre and axes), computed from the headset's pose."""
+    """Returns the head's pose in the world frame (its centre and axes), computed from the headset's pose."""
     return _compose(registration.to_world(head), HEAD_CENTRE_FROM_HEADSET, BODY_FROM_DEVICE_AXES)
 
 
@@ -88,15 +88,16 @@ HEAD_CENTRE_FROM_HEADSET = transforms.rotate(BODY_FROM_DEVICE_AXES, [0.0, HEADSE
 
 
 def hand_pose(registration: Registration, grip: XRPose) -> Pose:
-    """Returns the pose of the hand (centre of the fist, and axes), computed from a grip pose.
+    """Returns the hand's pose in the world frame (centre of the fist, and axes), computed from a controller's grip
+    pose.
 
-    The origin of WebXR's grip space is the centre of the fist, so there is no offset.
+    The origin of WebXR's grip space is the centre of the fist. The position therefore needs no offset.
     """
     return _compose(registration.to_world(grip), np.zeros(3), BODY_FROM_DEVICE_AXES)
 
 
 def hand_pose_from_wrist(registration: Registration, wrist: XRPose, side: Side) -> Pose:
-    """Returns the pose of the hand (centre and axes), computed from the wrist pose of a tracked hand.
+    """Returns the hand's pose in the world frame (centre and axes), computed from the wrist pose of a bare hand.
 
     Axes of the WebXR wrist (WebXR Hand Input): −z points to the fingers, y points out of the back of the hand. Axes of
     the simulated hand: −z points to the fingers too, x points out of the back of a left hand.
@@ -113,7 +114,7 @@ HAND_FROM_WRIST_AXES = {
 
 
 def grip_from_wrist(wrist: XRPose, side: Side) -> XRPose:
-    """Returns the grip pose that is equivalent to a wrist pose: both give the same pose of the hand."""
+    """Returns the grip pose that results in the same hand pose as a wrist pose."""
     x, y, z, w = wrist.orientation
     seen = Pose(np.array(wrist.position), np.array([w, x, y, z]))
     grip = _compose(seen, HAND_CENTRE_FROM_WRIST, GRIP_FROM_WRIST_AXES[side])
@@ -141,15 +142,17 @@ GRIP_FROM_WRIST_AXES = {
 
 
 def _compose(outer: Pose, pos: FloatArray, q: FloatArray) -> Pose:
-    """Returns the world pose of ``pos`` (3,) and ``q`` (4,), which are in the frame ``outer``. Faster than
-    ``transforms.compose``."""
+    """Returns the world pose of position ``pos`` (3,) and quaternion ``q`` (4,) in the frame ``outer``.
+
+    This function is faster than ``transforms.compose``.
+    """
     pos_w, q_w = np.empty(3), np.empty(4)
     mujoco.mju_mulPose(pos_w, q_w, outer.pos_w, outer.q_w, pos, q)
     return Pose(pos_w, q_w)
 
 
 def controller_pose(grip: XRPose, xr_from_world: XRPose) -> Pose | None:
-    """Returns the pose of a grip in the world frame; ``None`` if one of the poses is invalid.
+    """Returns the pose of a controller's grip in the world frame; ``None`` if one of the poses is invalid.
 
     ``xr_from_world``: pose of the world frame in the ``local-floor`` space of the grip's owner.
     """

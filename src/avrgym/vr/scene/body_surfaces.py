@@ -56,7 +56,7 @@ def _of_geom(
 
 
 def _skin_colours(model: mujoco.MjModel, skin: Skin) -> FloatArray:
-    """Returns the colour (V, 4) of each vertex: material colour times texture colour."""
+    """Returns the colour RGBA (V, 4) of each vertex: material colour times texture colour."""
     colours, texture = skin.rgba.copy(), texture_index(model, skin.material_id)
     if texture >= 0:
         pixels = texture_pixels(model, texture)

@@ -1,4 +1,4 @@
-"""Exports scenes to GLB files in a separate process. It does not delay the real-time thread."""
+"""Exports scenes to GLB files in a separate process, which does not delay the real-time thread."""
 
 import asyncio
 import multiprocessing
@@ -22,11 +22,11 @@ P = ParamSpec("P")
 R = TypeVar("R")
 
 MAX_CACHED_SCENES = 10
-"""Maximum number of cached scenes. A scene needs about 2 MB."""
+"""Maximum number of cached scenes. A scene needs about 2 MB of memory."""
 
 
 def warm_up() -> None:
-    """Does nothing. With this first task, the process imports its modules in advance."""
+    """Does nothing. As its first task, the process thereby imports its modules before a scene is requested."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> bytes:
@@ -91,7 +91,7 @@ class SceneExporter:
                 return self._pool.submit(work, *args, **kwargs)
 
     def close(self) -> None:
-        """Stop the process."""
+        """Stop the export process. Exports that have not started are cancelled."""
         self._pool.shutdown(cancel_futures=True)
 
 

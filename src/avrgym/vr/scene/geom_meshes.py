@@ -21,7 +21,7 @@ MAX_SHOWN_RATIO = 1 / 6
 MAX_MODEL_TRIANGLES = 66_000
 """The ratio is lower in models whose meshes would have more triangles together."""
 SIMPLIFICATION_AGGRESSION = 3
-"""Aggression of the simplification, 0 to 10. The default of 7 removes small parts."""
+"""Speed of the simplification, 0 (best quality) to 10 (fastest). With the default of 7, small parts would disappear."""
 WELD_DECIMALS = 5
 """Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
@@ -30,7 +30,7 @@ _simplified_meshes: dict[tuple[bytes, float], trimesh.Trimesh] = {}
 
 
 def geom_mesh(model: mujoco.MjModel, geom: int) -> trimesh.Trimesh:
-    """Returns the mesh of a geom in the frame of its body."""
+    """Returns the triangle mesh of a geom in the frame of its body, in metres."""
     mesh = _unplaced_mesh(model, geom).copy()
     mesh.apply_transform(pose_matrix(model.geom_pos[geom], model.geom_quat[geom]))
     return mesh

@@ -16,7 +16,7 @@ _JSON_CHUNK, _BINARY_CHUNK = 0x4E4F534A, 0x004E4942
 
 
 class GlbWriter:
-    """Builds a glTF document. The methods ``add_element`` and ``add_…`` return the index of the added element."""
+    """Builds a glTF document. Methods that add an element return the element's index."""
 
     def __init__(self) -> None:
         self._binary = bytearray()
@@ -55,7 +55,7 @@ class GlbWriter:
         return self.add_element("textures", source=image, sampler=self._sampler())
 
     def to_bytes(self, roots: Sequence[int]) -> bytes:
-        """Returns the bytes of the file. ``roots``: indices of the scene's root nodes."""
+        """Returns the bytes of the GLB file. ``roots``: indices of the scene's root nodes."""
         document = {
             "asset": {"version": "2.0", "generator": "AVR Gym"},
             "extensionsUsed": ["KHR_mesh_quantization"],

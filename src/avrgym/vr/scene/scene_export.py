@@ -5,7 +5,7 @@ Nodes are in the world frame, z up. The field ``extras`` of a node contains the 
 - ``body``: the node follows this body. Bodies that are fixed to each other share a node; the tool has its own.
 - ``swing``: the node follows this body without the twist about its z axis; ``parent``: its parent body. See ``skins``.
 - ``bodies``: the mesh is instanced at each of these bodies.
-- ``vertices``: the mesh is a cloth; each vertex is at one of these bodies.
+- ``vertices``: the mesh is a cloth; the position of each vertex is the position of one of these bodies.
 - ``skin_of``: the mesh is skinned; this body has the largest weight.
 
 A camera of the model is a child of its body's node.
@@ -39,11 +39,11 @@ from avrgym.vr.scene.glb_writer import GlbWriter
 from avrgym.vr.scene.skins import Bone, Skin, add_cap, merge_skins, read_skins
 
 ColouredMesh = tuple[trimesh.Trimesh, FloatArray]
-"""A mesh and its colour (4,): red, green, blue, alpha."""
+"""(mesh, its colour (4,): red, green, blue, alpha)."""
 
 HEAD_BODY = human.PREFIX + "head"
 DEFAULT_ROUGHNESS = 0.75
-"""Roughness of geoms without a roughness in their material, similar to MuJoCo's renderer."""
+"""Roughness (0 to 1) of geoms without a roughness in their material, similar to MuJoCo's renderer."""
 MIN_INSTANCES = 3
 """Minimum number of identical bodies that become instances of one mesh."""
 _SHORT, _BYTE = np.iinfo(np.int16).max, np.iinfo(np.int8).max
@@ -119,7 +119,8 @@ class _Export:
         self._add_root(body, children=[*children, *self._add_cameras(body)])
 
     def _add_cameras(self, body: int) -> list[int]:
-        """Adds the cameras that are fixed to a body. Returns their nodes. The axes of GLB cameras are MuJoCo's."""
+        """Adds the cameras that are fixed to a body. Returns their node indices. GLB and MuJoCo cameras have the same
+        axes."""
         nodes: list[int] = []
         for number in np.flatnonzero(self._model.cam_bodyid == body).tolist():
             yfov = float(np.radians(self._model.cam_fovy[number]))
@@ -202,9 +203,9 @@ class _Export:
     # Skins
 
     def _skins_by_finish(self) -> dict[tuple[bool, SurfaceMaterial], list[Skin]]:
-        """Returns groups of skins that become one mesh. The head is separate: the first-person view hides it.
+        """Returns groups of skins, by (whether it is the head, surface material). Each group becomes one mesh.
 
-        The other skins have a cap at the neck.
+        The head is separate, because the first-person view hides it. All other skins have a cap at the neck.
         """
         groups: dict[tuple[bool, SurfaceMaterial], list[Skin]] = {}
         skins = list(read_skins(self._model))
@@ -305,8 +306,10 @@ def geoms_by_body(model: mujoco.MjModel) -> dict[int, list[int]]:
 
 
 def _carrier(model: mujoco.MjModel, body: int) -> int:
-    """Returns the topmost ancestor to which a body is fixed. Children of the world count as movable: episodes place
-    them. The tool has its own node: clients highlight it.
+    """Returns the topmost ancestor to which a body is fixed.
+
+    Children of the world are considered movable, because episodes place them. The tool has its own node, because
+    clients highlight it.
     """
     while (
         model.body_jntnum[body] == 0
@@ -318,7 +321,7 @@ def _carrier(model: mujoco.MjModel, body: int) -> int:
 
 
 def _instances(model: mujoco.MjModel, colours: FloatArray, carried: dict[int, list[int]]) -> list[list[int]]:
-    """Returns groups of identical bodies with one geom each."""
+    """Returns groups of at least ``MIN_INSTANCES`` identical bodies with one geom each, as body ids."""
     groups: dict[tuple[object, ...], list[int]] = {}
     for body, geoms in carried.items():
         if len(geoms) == 1 and model.geom_type[geoms[0]] != mujoco.mjtGeom.mjGEOM_MESH:
@@ -334,7 +337,7 @@ def _full_range(shares: FloatArray, kind: type[np.unsignedinteger[Any]]) -> NDAr
 
 
 def _weights(weight_of: FloatArray) -> NDArray[np.uint8]:
-    """Returns weights (V, 4) in bytes that sum to 255."""
+    """Returns skinning weights (V, 4) as bytes. The four weights of a vertex sum to 255."""
     weights = np.round(255.0 * weight_of)
     weights[:, 0] += 255.0 - weights.sum(axis=1)
     return weights.astype(np.uint8)

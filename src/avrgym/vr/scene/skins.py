@@ -1,8 +1,9 @@
 """Skins of a model for glTF: four bones and weights per vertex, and swing bones without twist.
 
-The bones in MuJoCo are the bodies. With them, the twist of a forearm deforms the skin at the elbow too much. Each upper
-arm and forearm therefore has a second bone, its *swing*. The swing follows the body without the twist about the
-body's z axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing to the body.
+The bones in MuJoCo are the bodies. With these bones alone, the twist of a forearm would deform the skin at the elbow
+too much. Each upper arm and forearm therefore has a second bone, its *swing*. The swing follows the body without the
+twist about the body's z axis (swing-twist decomposition). Along the limb, the weights change gradually from the swing
+to the body.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,12 +22,12 @@ BONES_PER_VERTEX = 4
 SWING_BONE_BODIES = ("upper_arm", "forearm")
 """Endings of the names of bodies that have a swing bone."""
 WELD_DISTANCE_M = 1e-5
-"""Vertices of two skins coincide if they are closer than this."""
+"""Vertices of two skins are considered the same if their distance is below this value in metres."""
 
 
 @dataclass(frozen=True)
 class Bone:
-    """A bone of a skin. It follows a body, or with ``is_swing`` only the swing of the body's swing–twist decomposition.
+    """A bone of a skin. It follows a body; if ``is_swing`` is true, it follows only the swing of this body.
 
     ``inverse_bind`` (4, 4) transforms the skin at rest into the frame of the bone.
     """
@@ -38,7 +39,7 @@ class Bone:
 
 @dataclass(frozen=True)
 class Skin:
-    """A skin at rest: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3).
+    """A skin in the rest pose: ``vertices`` and ``normals`` (V, 3), ``rgba`` (V, 4), ``uv`` (V, 2), ``faces`` (F, 3).
 
     ``bone_indices`` and ``bone_weights`` (V, 4): for each vertex, the indices of four ``bones`` and their weights.
     ``material_id`` is the id of a material in the model, or −1.
@@ -87,7 +88,7 @@ def read_skins(model: mujoco.MjModel) -> Iterator[Skin]:
 
 
 def merge_skins(skins: Sequence[Skin]) -> Skin:
-    """Merges skins. Returns one skin with the name and material of the first."""
+    """Merges skins. Returns one skin with the name and material of the first skin."""
     bones = list({(bone.body_name, bone.is_swing): bone for skin in skins for bone in skin.bones}.values())
     numbers = {(bone.body_name, bone.is_swing): number for number, bone in enumerate(bones)}
     bone_of = [
@@ -134,7 +135,8 @@ def add_cap(skin: Skin, other: Skin) -> Skin:
 
 
 def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
-    """Returns the edges (E, 2) between a skin and an adjacent one, in the direction of the skin's triangles."""
+    """Returns the edges (E, 2) between a skin and an adjacent skin, as vertex indices in the order of the skin's
+    triangles."""
     near, others_near = _near(skin.vertices, other.vertices), _near(other.vertices, skin.vertices)
     if not near.any() or not others_near.any():
         return np.zeros((0, 2), np.int64)
@@ -150,7 +152,7 @@ def _rim(skin: Skin, other: Skin) -> NDArray[np.int64]:
 
 
 def _near(points: FloatArray, others: FloatArray) -> BoolArray:
-    """Returns a mask (V,) of the points (V, 3) in the bounding box of others (W, 3)."""
+    """Returns a boolean mask (V,): ``points`` (V, 3) that are in the bounding box of ``others`` (W, 3)."""
     low, high = others.min(axis=0) - WELD_DISTANCE_M, others.max(axis=0) + WELD_DISTANCE_M
     return ((points >= low) & (points <= high)).all(axis=1)
 
@@ -164,13 +166,14 @@ def _places(points: FloatArray) -> NDArray[np.int64]:
 
 
 def _edges(faces: NDArray[np.integer[Any]], chosen: BoolArray) -> NDArray[np.int64]:
-    """Returns the directed edges (E, 2) of triangles between chosen vertices, as indices among the chosen ones."""
+    """Returns the directed edges (E, 2) of triangles between the vertices in the mask ``chosen``. Indices count only
+    these vertices."""
     edges = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
     return (np.cumsum(chosen) - 1)[edges[chosen[edges].all(axis=1)]]
 
 
 def _edge_numbers(edges: NDArray[np.int64], places: int) -> NDArray[np.int64]:
-    """Returns a unique number (E,) for each edge."""
+    """Returns a unique number (E,) for each edge (E, 2) between ``places`` numbered points."""
     return edges[:, 0] * places + edges[:, 1]
 
 
@@ -208,7 +211,7 @@ def _bones(model: mujoco.MjModel, skin: int) -> tuple[tuple[Bone, ...], FloatArr
 
 
 def _end_z(model: mujoco.MjModel, body: int) -> float:
-    """Returns the z coordinate of a body's child, in the frame of the body."""
+    """Returns the z coordinate of a body's child in metres, in the frame of the body."""
     child = int(np.flatnonzero(model.body_parentid == body)[0])
     return float(model.body_pos[child, 2])
 

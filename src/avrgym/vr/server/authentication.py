@@ -50,12 +50,12 @@ EXPIRED_LINK = TokenRejection(
 CODE_REQUIRED = TokenRejection(
     4411, "this page needs the link of a session, or the code that the dashboard shows"
 )
-"""``client/src/session/display-state.ts`` maps these codes to texts in the participant's language."""
+"""WebSocket closing codes. ``client/src/session/display-state.ts`` maps them to texts in the participant's language."""
 
 
 @dataclass(frozen=True)
 class Tokens:
-    """One secret for each role."""
+    """The secret token of each role. A client with this token has the role."""
 
     participant: Token
     experimenter: Token
@@ -64,12 +64,14 @@ class Tokens:
 
     @classmethod
     def new(cls) -> "Tokens":
-        """Returns new random secrets."""
+        """Returns new random secrets, one for each role."""
         return cls(*(secrets.token_urlsafe(TOKEN_BYTES) for _ in range(3)))
 
     @classmethod
     def load_or_create(cls, path: Path) -> "Tokens":
-        """Read the tokens from a private file, or create the file. Addresses therefore remain valid after a restart.
+        """Read the tokens from a private file, or create the file with new tokens.
+
+        The addresses of pages therefore remain valid after a restart.
 
         Raises:
             ValueError: if the file contains no tokens.
@@ -114,7 +116,7 @@ class SameOriginMiddleware:
         self._app, self._origins = app, origins
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request or socket."""
+        """Pass one request or WebSocket to the application, or reject it."""
         if scope["type"] in ("http", "websocket"):
             headers = Headers(scope=scope)
             allowed = self._origins or {_own_origin(headers, scope["scheme"])}

@@ -27,7 +27,7 @@ from avrgym.vr.server.authentication import EXPIRED_LINK, TokenRejection
 T = TypeVar("T")
 
 MAX_OUTBOX_MESSAGES = 1000
-"""Maximum number of waiting messages of a connection. Above it the oldest messages are dropped."""
+"""Maximum number of waiting messages of a connection. If there are more, the oldest messages are dropped."""
 WATCHER_ONLY_MESSAGES = (Status, Timing, DemonstrationProgress)
 
 
@@ -45,7 +45,7 @@ def is_for_role(message: Message, role: Role) -> bool:
 
 
 CLOSE_ALL_TIMEOUT_S = 1.0
-"""Maximum time for closing all connections when the server stops."""
+"""Maximum time in seconds for closing all connections when the server stops."""
 
 
 class ConnectionEnd(Exception):
@@ -57,7 +57,8 @@ class ConnectionEnd(Exception):
 
 
 class Outbox:
-    """Waiting messages of one connection: all messages in order, and the newest state of the newest scene.
+    """Messages that wait to be sent to one connection: all messages in order, but only the newest state of the newest
+    scene.
 
     The first message is the welcome; messages before it are discarded. ``created_s`` is the time at which the latest
     sent state was computed.
@@ -126,7 +127,7 @@ class Broadcast:
 
     @property
     def has_participant(self) -> bool:
-        """Whether a participant is connected."""
+        """Whether the connection of a participant is open."""
         return self._participant is not None
 
     def has(self, role: Role) -> bool:
@@ -140,7 +141,7 @@ class Broadcast:
             self._call(lambda created_s: self._deliver(message, created_s), time.monotonic())
 
     def sender(self, outbox: Outbox) -> Callable[[Message], None]:
-        """Returns a function that sends to one connection, for the simulation's thread."""
+        """Returns a function that sends a message to one connection. Call it from the simulation's thread."""
         return lambda message: self._call(outbox.push, message)
 
     @contextlib.contextmanager
@@ -165,7 +166,7 @@ class Broadcast:
             time.sleep(0.01)
 
     def close_participant(self) -> None:
-        """Send the participant's queued messages, then close the connection: the link has expired."""
+        """Close the participant's connection after all queued messages, because the link has expired."""
         self._call(self._dismiss, EXPIRED_LINK)
 
     def _dismiss(self, why: TokenRejection) -> None:

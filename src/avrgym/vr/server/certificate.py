@@ -20,7 +20,8 @@ from avrgym.system.files import write_atomically
 VALID_DAYS = 90
 RENEWAL_DAYS = 14
 TEST_NET_ADDRESS = "192.0.2.1"
-"""An address that no host has (RFC 5737). The route to it starts at this computer's address. No packet is sent."""
+"""An address that no host has (RFC 5737). The route to this address starts at this computer's own address. No packet is
+sent."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,10 @@ def _lan_addresses() -> tuple[str, ...]:
 
 
 def load_or_create_certificate(names: Sequence[str], folder: Path) -> Certificate:
-    """Returns the certificate in a folder. Creates a new one if it is missing, expires soon or lacks a name."""
+    """Returns the certificate in a folder.
+
+    Creates a new certificate if it is missing, expires soon, or is not valid for one of ``names``.
+    """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     found = certificate_in_folder(folder, names)
     if renewal_reason(found) is not None:

@@ -12,7 +12,7 @@ MAX_BODY_BYTES = 1000
 
 
 class EnteredCode(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The entered digits."""
+    """The digits of the code that was entered on a headset."""
 
     code: str
 

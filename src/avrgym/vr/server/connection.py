@@ -42,10 +42,10 @@ from avrgym.vr.server.real_time_loop import RealTimeLoop, S
 _log = logging.getLogger("uvicorn.error")
 HELLO_TIMEOUT_S = 5.0
 TOKEN_CHECK_INTERVAL_S = 1.0
-"""Interval at which the token of a connection is checked again. If it was revoked, the connection is closed."""
+"""Interval in seconds at which a connection's token is checked again. If it was revoked, the connection is closed."""
 MAX_BURST_MESSAGES, MAX_MESSAGES_PER_S = 1000, 250
-"""Maximum number of messages in a burst, and per second. A headset sends up to 144 frames per second. After a network
-interruption, it sends the frames of up to seven seconds in a burst."""
+"""Maximum number of messages of a client in a burst, and per second. A headset sends up to 144 frames per second. After
+a network interruption, it sends the frames of up to seven seconds in a burst."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ SINGLE_CONNECTION_ROLES: tuple[Role, ...] = ("participant", "demonstrator")
 
 
 class MessageRateLimit:
-    """Token bucket that limits the messages of a client. It allows the burst after a network interruption."""
+    """Limits the number of messages of a client (token bucket). A burst after a network interruption is allowed."""
 
     def __init__(self) -> None:
         self._left, self._asked_s = float(MAX_BURST_MESSAGES), 0.0
@@ -95,7 +95,7 @@ class FrameLatencyTracker:
         self._received_s: dict[int, float] = {}
 
     def record_arrival(self, sequence: int) -> None:
-        """Store the arrival time of a frame."""
+        """Store the current time as arrival time of the tracking frame with number ``sequence``."""
         self._received_s[sequence] = time.monotonic()
         if len(self._received_s) > MAX_STORED_FRAME_TIMES:
             del self._received_s[next(iter(self._received_s))]
@@ -114,7 +114,7 @@ MAX_STORED_FRAME_TIMES = 1000
 
 
 CommandRecorder = Callable[[AuthenticatedClient, Any], None]
-"""Function that is called with the hello of each watcher, and with each command before its execution. Must not
+"""Function that is called with the hello of each watcher, and with each command before its execution. It must not
 block."""
 
 PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
@@ -134,7 +134,7 @@ async def serve_connection(
     loop: RealTimeLoop[S],
     record: CommandRecorder,
 ) -> None:
-    """Serve one connection until it closes."""
+    """Authenticate a client, then receive and send messages until the connection closes."""
     await socket.accept()
     hello = await _authenticate(socket, channel, tokens, broadcast)
     caller = None if hello is None else tokens.client_of_token(hello.token)
@@ -165,7 +165,7 @@ def _opens(tokens: Tokens, hello: Hello) -> bool:
 
 
 async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: Role) -> None:
-    """Close the connection when its token is revoked."""
+    """Check the token of the connection repeatedly. Close the connection when the token is revoked."""
     while _opens(tokens, hello):
         await asyncio.sleep(TOKEN_CHECK_INTERVAL_S)
     ended = (EXPIRED_LINK.close_code, EXPIRED_LINK.message) if role == "participant" else (4403, _REVOKED)
@@ -234,7 +234,7 @@ async def _receive(
     record: CommandRecorder,
     opens: Callable[[], bool],
 ) -> None:
-    """Pass received messages to the loop. Discards a participant's messages after their link has expired."""
+    """Pass received messages to the loop. After a participant's link has expired, discard their messages."""
     rate_limit = MessageRateLimit()
     with contextlib.suppress(WebSocketDisconnect):
         while True:
@@ -267,7 +267,7 @@ _OPERATOR_ROLES: dict[Role, OperatorRole] = {"experimenter": "operator", "demons
 
 
 def _refusal(role: Role, message: object) -> str:
-    """Returns the reason why a role may not send a message; empty if it may send it."""
+    """Returns the reason why a role may not send this message; empty if the message is allowed."""
     if role == "spectator":
         return "spectators may send no commands; open the experimenter's address"
     if isinstance(message, WatcherRobotCommand):

@@ -1,8 +1,8 @@
 """Limits on unauthenticated connections, which have not presented a valid token.
 
-Their number is limited, in total and for each address. At the limit, the unauthenticated connection that has been idle
-longest is closed. Authenticated connections are never closed for this reason. Connections have time limits for the
-TLS handshake, for a request and for a response.
+The number of unauthenticated connections is limited, in total and for each address. At the limit, the unauthenticated
+connection that has been idle longest is closed. Authenticated connections are never closed for this reason. Connections
+have time limits for the TLS handshake, for a request and for a response.
 """
 
 import asyncio
@@ -22,31 +22,31 @@ from avrgym.vr.server.authentication import Tokens
 
 MAX_UNAUTHENTICATED_CONNECTIONS = 256
 UNAUTHENTICATED_FILE_HANDLE_DIVISOR = 4
-"""Maximum number of unauthenticated connections: the number of the process's file handles, divided by this number."""
+"""Divisor: the maximum number of unauthenticated connections is the maximum number of open files divided by it."""
 PER_ADDRESS_LIMIT_DIVISOR = 4
-"""Maximum number of unauthenticated connections of one address: the limit divided by this number. Loopback is exempt,
-because USB headsets share it."""
+"""Divisor: the maximum for one address is the maximum number of unauthenticated connections divided by it. Loopback has
+no such limit, because USB headsets share this address."""
 MAX_CONNECTIONS_PER_ROLE = 64
 """Maximum number of authenticated connections of one role. Further connections are treated as unauthenticated."""
 TLS_TIMEOUT_S = 5.0
-"""Timeout of the TLS handshake."""
+"""Timeout of the TLS handshake, in seconds."""
 IDLE_CONNECTION_TIMEOUT_S = 10.0
-"""Timeout of a connection that sends no complete request, at its start and after a response."""
+"""Timeout in seconds of a connection that sends no complete request, at its start and after a response."""
 RESPONSE_TIMEOUT_S = 60.0
-"""Timeout for an unauthenticated request, and for the client to receive a response."""
+"""Maximum duration in seconds of an unauthenticated request, and of the transmission of a response."""
 TIMEOUT_CHECK_INTERVAL_S = 0.5
 OUT_OF_HANDLES_ERRORS = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 ACCEPT_RETRY_S = 0.05
-"""Delay before the next attempt to accept a connection when no file handle is free."""
+"""Delay in seconds before the next attempt to accept a connection, if no file handle is free."""
 
 ProtocolFactory = Callable[[], asyncio.Protocol]
 
 
 class Connection:
-    """One connection.
+    """A TCP connection of a client.
 
-    ``role``: the role of its token; ``None`` while unauthenticated. ``is_busy``: a request is in progress, or a
-    WebSocket is open. ``last_activity_s``: the time of the latest complete request or response.
+    ``role``: the role of the client's token; ``None`` while unauthenticated. ``is_busy``: a request is in progress, or
+    a WebSocket is open. ``last_activity_s``: the time of the latest complete request or response.
     """
 
     def __init__(self, accepted: socket.socket, host: str) -> None:
@@ -77,11 +77,11 @@ class Connection:
         return self._transport.get_write_buffer_size() if self._transport is not None else 0
 
     def record_activity(self, *, busy: bool) -> None:
-        """Store that a request is complete (``busy``), or its response has ended."""
+        """Store that a request is complete (``busy``), or that its response has ended (not ``busy``)."""
         self.last_activity_s, self.is_busy = time.monotonic(), busy
 
     def start(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
-        """Start the TLS handshake, if any, and the protocol."""
+        """Start the TLS handshake (if ``tls`` is given) and the protocol."""
         self._handshake = asyncio.create_task(self._handshake_tls(make_protocol, tls))
 
     async def _handshake_tls(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
@@ -91,7 +91,7 @@ class Connection:
             )
 
     def close_immediately(self) -> None:
-        """Close the connection immediately."""
+        """Close the connection without waiting for unsent data."""
         if self._transport is not None:
             self._transport.abort()
         elif self._handshake is not None:
@@ -108,7 +108,7 @@ class ConnectionLimiter:
         max_per_role: int | None = None,
         client_address: Callable[[Scope], str] | None = None,
     ) -> None:
-        """``client_address``: returns the client's address of a request that comes through a reverse proxy."""
+        """``client_address``: a function that returns the client's address of a request through a reverse proxy."""
         self.listener, self._client_address = listener, client_address
         self._tokens, self._max_per_role = tokens, max_per_role or MAX_CONNECTIONS_PER_ROLE
         self._connections: dict[tuple[str, int], Connection] = {}
@@ -117,7 +117,7 @@ class ConnectionLimiter:
         )
 
     async def accept_connections(self, make_protocol: ProtocolFactory, tls: ssl.SSLContext | None) -> None:
-        """Accept connections until cancelled."""
+        """Accept connections until the task is cancelled."""
         self.listener.setblocking(False)
         sweeping = asyncio.create_task(self._sweep())
         try:
@@ -157,7 +157,8 @@ class ConnectionLimiter:
             connection.role = role
 
     def keep_open(self, scope: Scope, role: Role) -> None:
-        """Store that the connection of this WebSocket is in use until it closes, without passing the middleware."""
+        """Store that the connection of this WebSocket is in use until it closes. It is needed for WebSockets that do
+        not pass the middleware."""
         connection = self._connection(scope)
         if connection is not None:
             connection.record_activity(busy=True)

@@ -1,9 +1,9 @@
 """Prevents idle states of a virtual machine's processors while the robot moves.
 
-An idle virtual processor halts and returns to the host, which often resumes it milliseconds late. On Linux, a process
-can write zero to ``/dev/cpu_dma_latency``. While this file is open, idle processors poll instead of halting (kernel
-documentation: "PM Quality of Service Interface", "Guest halt polling"). Physical machines wake within microseconds and
-need no change.
+An idle virtual processor halts and returns control to the host. The host often resumes it some milliseconds late. On
+Linux, a process can write zero to ``/dev/cpu_dma_latency``. While this file is open, idle processors poll instead of
+halting (kernel documentation: "PM Quality of Service Interface", "Guest halt polling"). Physical machines wake within
+microseconds and need no change.
 """
 
 import struct
@@ -13,7 +13,7 @@ from typing import BinaryIO
 LATENCY_FILE = Path("/dev/cpu_dma_latency")
 DRIVER_FILE = Path("/sys/devices/system/cpu/cpuidle/current_driver")
 GUEST_IDLE_DRIVER = "haltpoll"
-"""The idle driver of virtual machines that support polling."""
+"""Name of the idle driver in virtual machines that support polling."""
 ZERO_LATENCY = struct.pack("i", 0)
 
 
@@ -26,7 +26,7 @@ class CpuIdlePrevention:
         self._possible = DRIVER_FILE.exists() and DRIVER_FILE.read_text().strip() == GUEST_IDLE_DRIVER
 
     def set_enabled(self, awake: bool) -> None:
-        """Prevent idle states (``awake``) or permit them."""
+        """Prevent idle states if ``awake`` is true; otherwise permit them."""
         if awake and self._file is None and self._possible:
             self._file = _open_latency_file()
             self._possible = self._file is not None

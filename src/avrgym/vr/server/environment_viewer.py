@@ -20,13 +20,14 @@ from avrgym.vr.session.reporting import STATUS_INTERVAL_TICKS, make_viewing_stat
 
 EPISODE_END_PAUSE_S = 2.0
 LOADING_TIMEOUT_S = 15.0
-"""Maximum time that an episode waits for a client to load its scene."""
+"""Maximum time in seconds for a client to load the scene of an episode. The episode then starts."""
 
 
 class EnvironmentViewer:
-    """Simulates episode after episode at 100 Hz; implements ``Runnable``.
+    """Simulates episodes one after another at 100 Hz; implements ``Runnable``.
 
-    The page can pause, continue and skip to the next episode. If the policy is ``operator``, the page drives the robot.
+    The page can pause, continue and skip to the next episode. With the policy ``operator``, a person drives the robot
+    on the page.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class EnvironmentViewer:
             force_guard: whether the force guard limits contact force and approach speed.
             settings: settings of the environment.
             allow_other_settings: whether to allow a policy that was trained with other settings.
-            steps: control steps of an episode.
+            steps: number of control steps of an episode.
 
         Raises:
             ValueError: for an unknown name. The message lists the allowed names.
@@ -90,7 +91,7 @@ class EnvironmentViewer:
         return self._paused or self._phase != "running"
 
     def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
-        """Send the current state to a new connection."""
+        """Send welcome, scene, phase and status to a new connection with this role."""
         name = self._episodes.environment_id
         send(messages.Welcome(messages.PROTOCOL_VERSION, name, role, haptics=False, sounds=True))
         send(self._scene())
@@ -113,7 +114,7 @@ class EnvironmentViewer:
                 pass
 
     def tick(self, now_s: float) -> None:
-        """Advance by 10 ms."""
+        """Advance the simulation by 10 ms. ``now_s``: the time on the loop's clock."""
         self._now_s = now_s
         if isinstance(self._driver, OperatorDriver) and self._driver.is_overdue(now_s):
             self._driver.stop_robot()
@@ -125,7 +126,7 @@ class EnvironmentViewer:
             self._send(self._status())
 
     def close(self, now_s: float) -> None:
-        """Release the policy; nothing is stored."""
+        """Stop the driver of the robot. Nothing is stored."""
         self._driver.close()
 
     def _begin(self) -> None:

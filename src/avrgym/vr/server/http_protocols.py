@@ -11,10 +11,10 @@ from websockets.http11 import Response
 from avrgym.vr.server.response_headers import security_headers
 
 MAX_MESSAGE_FRAGMENTS = 64
-"""Maximum number of frames of a message. Browsers send one."""
+"""Maximum number of WebSocket frames of a message. Browsers send one frame per message."""
 
 CLOSE_DELAY_S = 1.0
-"""Delay between the rejection of a client and the closing of its connection."""
+"""Delay in seconds between the rejection of a client and the closing of its connection."""
 
 
 class HttpProtocol(H11Protocol):
@@ -45,7 +45,7 @@ class WebSocketProtocol(WebSocketsSansIOProtocol):
         self.conn.reject = self._refusal  # pyright: ignore[reportAttributeAccessIssue]
 
     def data_received(self, data: bytes) -> None:
-        """Process received data. Responds to an invalid handshake."""
+        """Process received data. If the handshake is invalid, respond with an error."""
         super().data_received(data)
         if self.conn.handshake_exc is not None and not self.transport.is_closing():
             self.transport.write(b"".join(self.conn.data_to_send()))

@@ -10,16 +10,16 @@ from avrgym.vr.protocol.messages import ParticipantDisconnected, ReceivedMessage
 
 MAX_MESSAGES_PER_TICK = 64
 MAX_HANDLING_TIME_S = 0.002
-"""Maximum time for messages in a tick. Further messages wait for the next tick."""
+"""Maximum time in seconds for messages in a tick. Further messages wait for the next tick."""
 MAX_WAITING_FRAMES = 100
-"""Maximum number of waiting tracking frames. Above it the oldest frames are dropped."""
+"""Maximum number of waiting tracking frames. If there are more, the oldest frames are dropped."""
 MAX_WAITING_MESSAGES = 2000
-"""Maximum number of waiting messages. Above it their senders wait."""
+"""Maximum number of waiting messages. At this number, senders of further messages must wait."""
 
 
 @dataclass(frozen=True)
 class NewConnection:
-    """A client that has connected in a role. ``send`` sends it the current state of the session."""
+    """A client that has connected in a role. ``send`` is the function that sends messages to this client."""
 
     send: messages.SendMessage
     role: messages.Role
@@ -42,9 +42,9 @@ class Inbox:
     def put(self, message: ReceivedMessage | NewConnection) -> None:
         """Add a message at the end, or at the front if it stops the robot.
 
-        A loss of visibility is handled twice: immediately, and again in order, because an earlier message may report
-        the opposite. If a participant disconnects while more messages wait than a tick can handle, the participant's
-        messages are discarded.
+        A loss of visibility is added twice: at the front and at the end, because an earlier message may report that the
+        scene is visible. If a participant disconnects while more messages wait than a tick can handle, the
+        participant's messages are discarded.
         """
         with self._lock:
             if stops_robot(message):

@@ -42,7 +42,7 @@ from avrgym.vr.server.web_server import (
 )
 
 THREAD_SWITCH_INTERVAL_S = 0.0001
-"""Python's thread switch interval. Its default value, 5 ms, would be half of a tick."""
+"""Python's thread switch interval in seconds. The default value, 5 ms, would be half of a tick."""
 
 
 def create_app(
@@ -139,15 +139,15 @@ class LiveServer(Generic[S]):
         Args:
             make_session: creates the session; its argument is the function that sends messages.
             host: the address to listen on; without a certificate only a loopback address.
-            port: the port to listen on; 0 selects a free one.
-            certificate: for TLS, with the host names of this computer.
+            port: the port to listen on; 0 selects a free port.
+            certificate: certificate for TLS, with the host names of this computer.
             study: creates the API of the experimenter's dashboard from tokens and session; see
                 ``study.dashboard.application``.
-            tokens: tokens that authenticate clients; default: new ones.
+            tokens: tokens that authenticate clients; default: new tokens.
             record: called with the hello of each watcher, and with each of their commands.
             links: links of a study's participants. A participant is disconnected when the link expires.
             sounds: folder of sound files, see ``sound_files``.
-            behind_proxy: another server passes on all connections, and provides TLS.
+            behind_proxy: whether a reverse proxy forwards all connections and provides TLS.
 
         Raises:
             ServerError: if the client is not built or the port is not available.
@@ -186,12 +186,12 @@ class LiveServer(Generic[S]):
 
     @property
     def session(self) -> S:
-        """The session."""
+        """The session or viewer that this server runs."""
         return self.loop.session
 
     @property
     def has_participant(self) -> bool:
-        """Whether a participant is connected."""
+        """Whether the connection of a participant is open."""
         return self._broadcast.has_participant
 
     def send(self, message: Message) -> None:
@@ -216,7 +216,8 @@ class LiveServer(Generic[S]):
         ]
 
     def participant_urls_without_token(self) -> list[str]:
-        """Returns the addresses of the participant's page without a token. The page requests the code of a session."""
+        """Returns the addresses of the participant's page without a token. On this page, a participant enters a
+        session's code."""
         return [url.partition("#")[0] for url in self.page_urls()]
 
     def __enter__(self) -> "LiveServer[S]":

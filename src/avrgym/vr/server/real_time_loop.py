@@ -20,9 +20,9 @@ from avrgym.vr.server.inbox import MAX_HANDLING_TIME_S, MAX_MESSAGES_PER_TICK, I
 
 TIMING_INTERVAL_TICKS = 100
 GARBAGE_COLLECTION_INTERVAL_S = 10.0
-"""Interval of garbage collections, which run only at rest. Automatic collection could delay any tick."""
+"""Interval in seconds of garbage collections, which run only at rest. Automatic collection could delay any tick."""
 MAX_CATCH_UP_TICKS = 5
-"""The loop catches up with at most this number of late ticks. If more are late, all of them are skipped."""
+"""Maximum number of late ticks that the loop executes later. If more ticks are late, all of them are skipped."""
 MAX_STORED_LATE_TICKS = 10_000
 REAL_TIME_PRIORITY = 10
 """Real-time priority of the loop's thread (``SCHED_FIFO``, 1 to 99)."""
@@ -30,10 +30,10 @@ REAL_TIME_PRIORITY = 10
 
 @dataclass(frozen=True)
 class LateTick:
-    """A tick that ended too late: after the next tick was due. ``missed_ticks``: number of ticks that were skipped
-    after it.
+    """A tick that ended after the next tick was due.
 
-    ``due_s`` and ``ended_s``: when it was due and when it ended, on the monotonic clock.
+    ``due_s``, ``ended_s``: times in seconds at which it was due and at which it ended, on the monotonic clock.
+    ``missed_ticks``: number of ticks that were skipped after it.
     """
 
     due_s: float
@@ -46,7 +46,7 @@ class Runnable(Protocol):
 
     @property
     def scenes(self) -> Sequence[tuple[str, Person, Settings]]:
-        """Environment, person and settings of each scene; the index is the number in the scene's address."""
+        """(environment, person, settings) of each scene. The index of a scene is the number in its address."""
         ...
 
     @property
@@ -55,15 +55,15 @@ class Runnable(Protocol):
         ...
 
     def send_initial_state(self, send: SendMessage, role: messages.Role, now_s: float) -> None:
-        """Send the current state to a new connection."""
+        """Send welcome, scene and phase to a new connection with this role."""
         ...
 
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
-        """Handle a message of a client."""
+        """Handle a message of a client that arrived at the time ``now_s``."""
         ...
 
     def tick(self, now_s: float) -> None:
-        """Advance by 10 ms."""
+        """Advance by 10 ms. ``now_s``: the time on the loop's clock."""
         ...
 
     def close(self, now_s: float) -> None:
@@ -78,7 +78,7 @@ class RealTimeLoop(Generic[S]):
     """Runs a session in a thread; after ``start`` only this thread accesses the session.
 
     ``late_ticks``: the most recent late ticks. ``missed_ticks``: the number of skipped ticks. ``error``: the error that
-    ended the thread, if any.
+    ended the thread; ``None`` without an error.
     """
 
     def __init__(self, session: S, send: SendMessage = lambda message: None) -> None:
@@ -95,7 +95,7 @@ class RealTimeLoop(Generic[S]):
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread, which calls ``tick`` every 10 ms."""
         self._thread.start()
 
     def stop(self) -> None:
@@ -113,7 +113,7 @@ class RealTimeLoop(Generic[S]):
         self._inbox.put(message)
 
     def send_initial_state(self, send: SendMessage, role: messages.Role) -> None:
-        """Requests the session to send its current state to a new connection."""
+        """Queue a request to send the session's current state to a new connection."""
         self._inbox.put(NewConnection(send, role))
 
     def _run(self) -> None:
@@ -164,7 +164,8 @@ class RealTimeLoop(Generic[S]):
             gc.collect()
 
     def _wait(self, due: float) -> float:
-        """Sleep until the next tick is due. Returns the due time, increased by the skipped ticks."""
+        """Sleep until the next tick is due at time ``due``. Returns ``due``, increased by the duration of skipped
+        ticks."""
         late = time.monotonic() - due
         if late < 0.0:
             time.sleep(-late)
@@ -176,8 +177,9 @@ class RealTimeLoop(Generic[S]):
 
 
 def _clock_s() -> float:
-    """Returns the seconds on a clock that continues while the computer is suspended. ``time.monotonic`` does so only on
-    Windows.
+    """Returns the time in seconds on a clock that continues while the computer is suspended.
+
+    The clock of ``time.monotonic`` continues only on Windows.
     """
     clock = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
     return time.monotonic() if clock is None else time.clock_gettime(clock)

@@ -12,26 +12,27 @@ from starlette.websockets import WebSocketDisconnect
 
 PACKAGE_FOLDER = str(Path(__file__).parents[2])
 EMBEDDABLE_PAGE = "/spectator"
-"""The only page that may be in a frame; the dashboard contains it."""
+"""The only page that may be in an HTML frame. The dashboard shows it."""
 HASHED_FILES_PATH = "/assets/"
-"""Folder of files with a hash of their content in the name. Browsers may cache them forever."""
+"""Folder of files with a content hash in the file name. Browsers may cache these files without a time limit."""
 CONTENT_SECURITY_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; connect-src 'self' blob:; "
     "frame-src 'self'; form-action 'none'; base-uri 'none'; frame-ancestors {ancestors}; "
     "trusted-types avrgym; require-trusted-types-for 'script'"
 )
-"""Pages load only from this server and create no HTML from text. Scenes contain textures as blobs."""
+"""Content security policy: pages load only from this server and create no HTML from text. Blobs are allowed for
+textures of scenes."""
 PERMISSIONS_POLICY = (
     "xr-spatial-tracking=(self), camera=(), display-capture=(), geolocation=(), microphone=(), payment=()"
 )
 INTERNAL_ERROR_CLOSE_CODE = 1011
-"""Closing code of a WebSocket after an error of the server (RFC 6455)."""
+"""Closing code of a WebSocket after an internal error of the server (RFC 6455)."""
 
 _log = logging.getLogger(__name__)
 
 
 def security_headers(path: str) -> dict[str, str]:
-    """Returns the security headers for a response to this path. Headers that the response already has override them."""
+    """Returns the security headers for a response to this path. The response's own headers have priority."""
     ancestors, frames = ("'self'", "SAMEORIGIN") if path == EMBEDDABLE_PAGE else ("'none'", "DENY")
     return {
         "content-security-policy": CONTENT_SECURITY_POLICY.format(ancestors=ancestors),
@@ -46,7 +47,7 @@ def security_headers(path: str) -> dict[str, str]:
 
 
 class SecurityHeadersMiddleware:
-    """Middleware that adds the headers to every response.
+    """Middleware that adds the security headers to every response.
 
     An unexpected error becomes a plain 500 response and one log line with its type and location. The line contains no
     data of the request, which may contain a token or a name.
@@ -56,7 +57,7 @@ class SecurityHeadersMiddleware:
         self._app = app
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Serve one request or socket."""
+        """Serve one request or WebSocket, and handle an unexpected error."""
         if scope["type"] == "lifespan":
             await self._app(scope, receive, send)
             return
@@ -72,7 +73,7 @@ class SecurityHeadersMiddleware:
 
 
 class _Response:
-    """One response, sent with the security headers."""
+    """One HTTP response or WebSocket handshake, sent with the security headers."""
 
     def __init__(self, scope: Scope, receive: Receive, send: Send) -> None:
         self._scope, self._receive, self._send = scope, receive, send

@@ -1,8 +1,8 @@
 """Links of participants, and short codes for headsets.
 
-A link is a random token in the address of the participant's page. Each session has its own link, which expires with
-the session. Only its checksum is stored. Headsets have no keyboard, so their page also accepts a code of six digits.
-A code is valid once and for some minutes, and the number of wrong codes per minute is limited.
+A link is a random token in the address of the participant's page. Each session has its own link, which expires with the
+session. Only its checksum is stored. Headsets have no keyboard, so their page also accepts a code of six digits. A code
+can be used once, within some minutes. The number of wrong codes per minute is limited.
 """
 
 import hashlib
@@ -19,15 +19,16 @@ LINK_TOKEN_BYTES = 16
 CODE_DIGITS = 6
 CODE_VALIDITY_S = 300.0
 MAX_WRONG_CODES, WRONG_CODE_WINDOW_S = 10, 60.0
-"""Maximum number of wrong codes in this time. To guess a code, an attacker needs three weeks on average."""
+"""Maximum number of wrong codes in this time in seconds. With this limit, guessing a code takes three weeks on
+average."""
 
 
 class CodeError(ValueError):
-    """A code is wrong, used or expired."""
+    """Raised if a code is wrong, used or expired."""
 
 
 class TooManyWrongCodesError(CodeError):
-    """Too many wrong codes were entered recently."""
+    """Raised if too many wrong codes were entered recently."""
 
 
 class WrongCodeLimit:
@@ -42,12 +43,12 @@ class WrongCodeLimit:
         return len(self._times_s) == self._times_s.maxlen and now_s - self._times_s[0] < self._window_s
 
     def count(self, now_s: float) -> None:
-        """Count a wrong code."""
+        """Count a wrong code that was entered at the time ``now_s``."""
         self._times_s.append(now_s)
 
 
 def random_digits(length: int) -> str:
-    """Returns a random code of decimal digits."""
+    """Returns ``length`` random decimal digits from a cryptographic generator."""
     return f"{secrets.randbelow(10**length):0{length}}"
 
 
@@ -80,14 +81,16 @@ class _Code:
 
 
 class SessionLinks:
-    """The link of the current session, if any, and expired links. Thread-safe.
+    """The link of the current session (if there is a session), and expired links. Thread-safe.
 
     ``on_expiry`` is called when a link expires, in the thread that calls ``expire_link``.
     """
 
     def __init__(self, ended: Mapping[str, Language] | None = None) -> None:
-        """Starts without a current link. ``ended`` maps the checksums of expired links to the participants'
-        languages."""
+        """Start without a current link.
+
+        ``ended``: participants' languages, by the checksum of their expired link.
+        """
         self.on_expiry: Callable[[], None] = lambda: None
         self._ended = dict(ended or {})
         self._open: _CurrentLink | None = None
@@ -106,7 +109,7 @@ class SessionLinks:
         self._open = _CurrentLink(link, token_sha256(link), language)
 
     def expire_link(self) -> None:
-        """Make the link of the current session expire. Its codes expire too."""
+        """Make the link of the current session and its codes expire."""
         with self._lock:
             ended, self._open, self._codes = self._open, None, []
         if ended is not None:

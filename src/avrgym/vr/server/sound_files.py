@@ -9,14 +9,14 @@ from avrgym.texts.interface_texts import LANGUAGE_TAG_PATTERN
 from avrgym.vr.server.authentication import Tokens
 
 SOUNDS_FOLDER = "sounds"
-"""Folder in the study's folder. It contains ``LANGUAGE/NAME.mp3`` or another of ``MEDIA_TYPES``; the name is the key of
-a text under ``session``, or the id of an item."""
+"""Folder of sound files in the study's folder. It contains ``LANGUAGE/NAME.mp3``, or files with another suffix in
+``MEDIA_TYPES``. A file's name is the key of a text under ``session``, or the id of an item."""
 MEDIA_TYPES = {".mp3": "audio/mpeg", ".ogg": "audio/ogg", ".wav": "audio/wav"}
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,100}")
 
 
 def find_sound_file(folder: Path, language: str, name: str) -> Path | None:
-    """Returns the sound file of a text; ``None`` if there is none."""
+    """Returns the sound file of a text; ``None`` without a file."""
     if not LANGUAGE_TAG_PATTERN.fullmatch(language) or not _NAME.fullmatch(name):
         return None
     files = (folder / language / f"{name}{suffix}" for suffix in MEDIA_TYPES)

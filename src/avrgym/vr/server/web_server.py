@@ -29,17 +29,18 @@ CLIENT_PAGES = (
     "participate.html",
     "host.html",
 )
-"""The client's pages: for participants and spectators, for the experimenter, for caregivers, and for replays."""
+"""Names of the client's pages: for participants and spectators, for the experimenter, for caregivers, and for
+replays."""
 CLIENT_INSTALL_HINT = (
     "run `pip install --force-reinstall avrgym`, or `make client` in a clone of the repository"
 )
 SOCKET_PROTOCOL = socket.IPPROTO_TCP
-"""Protocol of listening sockets. It is explicit because asyncio sets TCP_NODELAY only on sockets with a protocol."""
+"""Protocol of listening sockets. asyncio sets TCP_NODELAY only on sockets with an explicit protocol."""
 LISTEN_BACKLOG = 1024
 """Maximum number of connections that wait to be accepted."""
 MAX_MESSAGE_BYTES = 1 << 16
 PING_INTERVAL_S, PING_TIMEOUT_S = 1.0, 4.0
-"""Keep-alive pings of WebSockets. They detect a headset that sleeps or has left the network."""
+"""Interval and timeout of WebSocket pings in seconds. Pings detect a headset that sleeps or has left the network."""
 CLOSE_TIMEOUT_S = 5
 
 _log = logging.getLogger(__name__)
@@ -91,7 +92,7 @@ def open_listener(
 
 
 class WebServer:
-    """Serves an ASGI application from ``start`` to ``stop``."""
+    """Serves an ASGI application in its own thread, from ``start`` until ``stop``."""
 
     def __init__(
         self,
@@ -110,18 +111,18 @@ class WebServer:
         self._thread = threading.Thread(target=self._uvicorn.run, daemon=True)
 
     def start(self) -> None:
-        """Start the thread."""
+        """Start the thread, which accepts connections."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Close all connections and stop."""
+        """Close all connections, and stop the thread."""
         self._uvicorn.should_exit = True
         self._thread.join()
         self._limiter.listener.close()
 
     @property
     def is_running(self) -> bool:
-        """Whether the server runs."""
+        """Whether the thread of the server is alive."""
         return self._thread.is_alive()
 
     def wait(self, seconds: float) -> None:
@@ -130,7 +131,7 @@ class WebServer:
 
 
 class _Server(uvicorn.Server):
-    """uvicorn's server, with connections accepted by the limiter."""
+    """uvicorn's server. ``ConnectionLimiter`` accepts its connections."""
 
     def __init__(self, config: uvicorn.Config, limiter: ConnectionLimiter) -> None:
         super().__init__(config)
@@ -158,7 +159,8 @@ class _Server(uvicorn.Server):
 
 
 def _report(_events: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """Log an error between requests by its type; its message may contain data of the request."""
+    """Log the type of an error between requests. The error's message is omitted, because it may contain request
+    data."""
     error = context.get("exception")
     _log.error("a connection failed: %s", type(error).__name__ if error else context.get("message"))
 

@@ -95,17 +95,17 @@ class Attempt:
 
     @property
     def success(self) -> bool:
-        """Whether the robot has succeeded until now."""
+        """Whether the task has succeeded in this attempt until now."""
         return self.attempt_results.success
 
     @property
     def recording_file(self) -> Path:
-        """The file of the recording."""
+        """The path of the recording's file."""
         return self._recording.path
 
     @property
     def recording_error(self) -> Exception | None:
-        """The error that makes the recording incomplete, if any. A slow disk causes no loss of data."""
+        """The error that makes the recording incomplete; ``None`` without an error. A slow disk is not an error."""
         error = self._recording.disk_error
         return None if isinstance(error, TimeoutError) else error
 
@@ -118,7 +118,7 @@ class Attempt:
         return error
 
     def wait_for_writes(self) -> None:
-        """Wait until most records are written. For sessions faster than real time."""
+        """Wait until most records are written. Call it in sessions that run faster than real time."""
         self._recording.wait_for_writes()
 
     def record(self, topic: str, record: schema.Record, now_s: float) -> None:
@@ -128,8 +128,8 @@ class Attempt:
     def submit_records(self) -> None:
         """Pass the records to the thread that writes them.
 
-        Call it at the end of a tick. Earlier, both threads would compete for Python's interpreter lock, and the tick
-        would need twice the time.
+        Call it at the end of a tick. Otherwise both threads compete for Python's interpreter lock, and a tick needs
+        twice the time.
         """
         recorded, self._records = self._records, []
         for record in recorded:
@@ -185,7 +185,7 @@ class Attempt:
     def record_frames(self, followed: TrackingUpdate) -> None:
         """Record tracking frames in the order of arrival.
 
-        The newest frame moved all parts of the body, except those in the record's ``rejected_parts``.
+        The newest frame moved all parts of the body, except the parts in the record's ``rejected_parts``.
         """
         deviating = [
             part
@@ -211,7 +211,7 @@ class Attempt:
             self.record("/tracking", record, frame.received_s)
 
     def close(self, result: schema.AttemptEnd, now_s: float) -> RecordingError | None:
-        """Close the recording. Returns the error that makes it incomplete, if any."""
+        """Close the recording. Returns the error that makes it incomplete; ``None`` without an error."""
         self.submit_records()
         try:
             self._recording.close(self._outcome(result, now_s))
@@ -247,7 +247,7 @@ def control_record(number: int, step: FirstWorldStep, driver: str, idle: bool) -
 
 
 def versions() -> Versions:
-    """Returns the versions of the running packages."""
+    """Returns the versions of Python and of the installed packages, for a recording."""
     return Versions(avrgym_version(), mujoco.__version__)
 
 
@@ -308,8 +308,10 @@ def attempt_configuration(
 def _open(
     folder: Path, trial: int, configure: ConfigurationFactory, number: int
 ) -> tuple[int, RecordingWriter]:
-    """Create a recording for the first attempt, from ``number`` on, whose file does not exist. Returns the attempt's
-    number and the recording."""
+    """Create the recording of a new attempt. Returns the attempt's number and the recording.
+
+    The number is the first, starting from ``number``, for which no file exists.
+    """
     make_private_folder(folder)
     while True:
         path = folder / f"trial-{trial:02}_attempt-{number}.mcap"

@@ -29,7 +29,7 @@ class AttemptStorage:
 
     ``attempt`` is the running attempt, ``recordings`` contains the files of all attempts. ``completing_trial_index`` is
     the index of a completed trial that is not stored yet. ``has_storage_failed``: the last attempt could not be stored.
-    ``questionnaire_attempt`` is the latest attempt; its answers may arrive after its end.
+    ``questionnaire_attempt`` is the latest attempt. Answers may arrive after its end.
     """
 
     def __init__(self, folder: Path, sink: EventSink) -> None:
@@ -44,7 +44,7 @@ class AttemptStorage:
 
     @property
     def attempt_results(self) -> AttemptResults:
-        """The results of the latest attempt until now."""
+        """Success, force and tool speed of the latest attempt until now."""
         return AttemptResults() if self._latest is None else self._latest.attempt_results
 
     def begin_attempt(
@@ -77,7 +77,7 @@ class AttemptStorage:
         return attempt
 
     def record_event(self, name: str, detail: str, now_s: float) -> None:
-        """Record an event in a running attempt."""
+        """Record an event in the running attempt; without an attempt, do nothing."""
         if self.attempt is not None:
             self.attempt.record("/events", schema.Event(name, detail), now_s)
 
@@ -95,7 +95,7 @@ class AttemptStorage:
     def end_attempt(
         self, result: AttemptEnd, arrived: Sequence[ReceivedFrame], now_s: float
     ) -> RecordingError | None:
-        """End a running attempt. Returns the error that makes its recording incomplete, if any.
+        """End a running attempt. Returns the error that makes its recording incomplete; ``None`` without an error.
 
         ``arrived`` are the tracking frames that arrived since the last tick.
         """
@@ -111,7 +111,7 @@ class AttemptStorage:
         return failure
 
     def pop_failure(self) -> Exception | None:
-        """Returns the observer's error and clears it; ``None`` if there is none.
+        """Returns the latest error of the observer and clears it; ``None`` without an error.
 
         Also returns ``None`` if a storage failure was already reported and no further data can be lost.
         """

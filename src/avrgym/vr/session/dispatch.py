@@ -1,4 +1,4 @@
-"""Calls a phase's method for each message; the server checks which client may send it."""
+"""Calls a phase's method for each message. The server has already checked that the sender may send this message."""
 
 from collections.abc import Mapping
 
@@ -9,7 +9,7 @@ from avrgym.vr.session.interruptions import visibility_interruption
 from avrgym.vr.session.phases import Phase
 
 STOP_METHOD_BY_SOURCE: Mapping[CommandSource, StopMethod] = {"key": "key", "button": "button"}
-"""Stop method of a command ``stop``, by its source."""
+"""Stop method of a command ``stop``, by the command's source."""
 
 
 def handle_message(phase: Phase, message: ReceivedMessage) -> Phase:

@@ -24,7 +24,7 @@ Initiator = Literal["participant", "experimenter", "caregiver"]
 
 @dataclass(frozen=True)
 class SessionEvent:
-    """An event at one instant."""
+    """Base of all events. ``time_s``: time of the event since the session's start."""
 
     time_s: float
 
@@ -39,7 +39,7 @@ class PhaseEntered(SessionEvent):
 
 @dataclass(frozen=True)
 class HeadsetChecked(SessionEvent):
-    """The headset was checked."""
+    """The headset check has ended. The event contains its measurements."""
 
     check: HeadsetCheck
 
@@ -51,7 +51,7 @@ class HeadsetCheckSkipped(SessionEvent):
 
 @dataclass(frozen=True)
 class Calibrated(SessionEvent):
-    """The participant's position and orientation are known; ``measured``: their torso height was measured too."""
+    """The participant's position and orientation are known. ``measured``: whether the torso height was measured too."""
 
     torso_height_m: float
     measured: bool
@@ -59,21 +59,22 @@ class Calibrated(SessionEvent):
 
 @dataclass(frozen=True)
 class ReachMeasured(SessionEvent):
-    """The length of the participant's arms was measured, relative to the mean for their torso height."""
+    """The length of the participant's arms was measured. ``arm_scale``: this length divided by the mean for their torso
+    height."""
 
     arm_scale: float
 
 
 @dataclass(frozen=True)
 class SeatFollowed(SessionEvent):
-    """The participant has slid on the seat, and the virtual seat moves by this distance."""
+    """The participant has slid on the seat, and the virtual seat follows. The event contains the distance."""
 
     way_m: float
 
 
 @dataclass(frozen=True)
 class TorsoHeightCorrected(SessionEvent):
-    """The experimenter entered the participant's torso height."""
+    """The experimenter corrected the participant's torso height to this value."""
 
     torso_height_m: float
 
@@ -102,7 +103,7 @@ class FurnitureMeasured(SessionEvent):
 
 @dataclass(frozen=True)
 class PreferencesChanged(SessionEvent):
-    """The participant changed their preferences for the robot."""
+    """The participant changed their preferences for the robot to these values."""
 
     preferences: Preferences
 
@@ -119,7 +120,7 @@ class TrialBegun(SessionEvent):
 
 @dataclass(frozen=True)
 class TrialEnded(SessionEvent):
-    """An attempt has ended; ``complete``: its recording is closed and complete."""
+    """An attempt has ended. ``complete``: whether its recording is closed and complete."""
 
     trial: int
     attempt: int
@@ -133,14 +134,14 @@ class TrialEnded(SessionEvent):
 
 @dataclass(frozen=True)
 class TrialSkipped(SessionEvent):
-    """The experimenter skipped the trial."""
+    """The experimenter skipped the trial with this number."""
 
     trial: int
 
 
 @dataclass(frozen=True)
 class Answered(SessionEvent):
-    """The participant answered one item."""
+    """The participant answered one item about this attempt."""
 
     trial: int
     attempt: int
@@ -226,7 +227,7 @@ class AnsweredAfterBreak(SessionEvent):
 
 @dataclass(frozen=True)
 class HeadsetUsed(SessionEvent):
-    """The participant was in VR for ``seconds`` since the previous event of this type."""
+    """The participant was in VR for ``seconds`` since the previous event of this class."""
 
     seconds: float
 
@@ -238,7 +239,7 @@ class Continued(SessionEvent):
 
 @dataclass(frozen=True)
 class TrackingLost(SessionEvent):
-    """A part of the body that the task needs is no longer tracked. The simulated part keeps its last pose."""
+    """A part of the body that the task needs is no longer tracked. The simulated part does not move."""
 
     part: TrackedBodyPart
 
@@ -285,12 +286,12 @@ class ControllerFailed(SessionEvent):
 
 @dataclass(frozen=True)
 class ConnectionLost(SessionEvent):
-    """The participant's connection is lost."""
+    """The connection of the participant's client is lost."""
 
 
 @dataclass(frozen=True)
 class ConnectionFound(SessionEvent):
-    """The participant's client has connected."""
+    """The participant's client has connected, for the first time or again."""
 
 
 @dataclass(frozen=True)
@@ -311,7 +312,7 @@ EventObserver = Callable[[SessionEvent], None]
 
 
 class EventSink:
-    """Reports every event to an observer. ``failure`` is the latest error that prevented the storage of an event."""
+    """Reports every event to an observer. ``failure``: the latest error that prevented the storage of an event."""
 
     def __init__(self, observe: EventObserver, stored: Callable[[], bool]) -> None:
         """``observe`` receives each event; ``stored`` returns whether all events are stored. Both may raise an
@@ -320,14 +321,15 @@ class EventSink:
         self._observe, self._stored = observe, stored
 
     def report(self, event: SessionEvent) -> None:
-        """Report an event to the observer. If the observer raises an error, it is stored in ``failure``."""
+        """Report an event to the observer. If the observer raises an error, the error is stored in ``failure``."""
         try:
             self._observe(event)
         except Exception as error:  # any error of a database
             self.failure = error
 
     def has_stored_all(self) -> bool:
-        """Returns whether all events are stored. An error is stored in ``failure``."""
+        """Returns whether all events are stored. If the observer raises an error, the error is stored in
+        ``failure``."""
         try:
             return self._stored()
         except Exception as error:  # any error of a database
@@ -335,11 +337,11 @@ class EventSink:
             return False
 
     def pop_failure(self) -> Exception | None:
-        """Returns the failure and clears it."""
+        """Returns ``failure``, and sets it to ``None``."""
         failure, self.failure = self.failure, None
         return failure
 
     def clear_failures(self) -> None:
-        """Clear all failures."""
+        """Clear ``failure``. All errors of the observer until now are discarded."""
         self.has_stored_all()
         self.failure = None

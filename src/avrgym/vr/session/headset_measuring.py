@@ -19,7 +19,7 @@ RESTING_ARM_MODALITY = "rests"
 JITTER_WINDOW_S = 0.5
 MIN_JITTER_FRAMES = 5
 DROPPED_FRAME_PERIODS = 1.5
-"""An interval between frames above this number of display periods means that frames were dropped."""
+"""If an interval between frames exceeds this number of display periods, frames were dropped."""
 _HEAD: PoseGetter = lambda frame: frame.head  # noqa: E731
 _LEFT: PoseGetter = lambda frame: frame.left  # noqa: E731
 _RIGHT: PoseGetter = lambda frame: frame.right  # noqa: E731
@@ -47,11 +47,11 @@ class HeadsetMeasurement:
             self._stretched.append(tracking)
 
     def add_latency(self, latency: Latency) -> None:
-        """Add the latencies of some frames."""
+        """Add the latencies of the frames in one message."""
         self._latencies.append(latency)
 
     def add_frames(self, drawn: HeadsetFrames) -> None:
-        """Add the intervals between rendered frames."""
+        """Add the intervals between the rendered frames in one message, and the description of the device."""
         self._drawn.append(drawn)
 
     def add_test_stop(
@@ -62,14 +62,14 @@ class HeadsetMeasurement:
 
     @property
     def has_controller(self) -> bool:
-        """Whether a hand holds a controller, and can thus receive haptic feedback."""
+        """Whether a hand holds a controller. Haptic feedback needs a controller."""
         newest = self._tracked[-1] if self._tracked else None
         return newest is not None and "controller" in (newest.left_modality, newest.right_modality)
 
     def result(
         self, *, haptics: bool | None, sound: bool | None, used_arms: Collection[Side] = ARMS
     ) -> HeadsetCheck:
-        """Returns all measurements and answers. Arms that are not in ``used_arms`` rest.
+        """Returns all measurements and answers. Arms that are not in ``used_arms`` are not measured.
 
         ``haptics``, ``sound``: whether the participant noticed the signal; ``None`` if this was not tested.
         """
@@ -125,9 +125,11 @@ def dropped_frame_share(intervals_ms: FloatArray, display_hz: float | None) -> f
 
 
 def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
-    """Returns the jitter of a part at rest in mm: median over half seconds of the root mean square about a parabola.
+    """Returns the jitter of a tracked part at rest in mm.
 
-    Subtracting the parabola removes slow sway. Returns ``None`` if no half second has enough frames.
+    It is the root mean square distance from a fitted parabola, as the median over periods of half a second.
+
+    The parabola removes slow sway. Returns ``None`` if no period has enough frames.
     """
     poses = [(frame.client_time_ms / 1000.0, take(frame)) for frame in frames]
     seen = [(time_s, pose.position) for time_s, pose in poses if pose is not None]
@@ -145,14 +147,14 @@ def jitter_mm(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
 
 
 def _stray_m(times_s: FloatArray, positions: FloatArray) -> float:
-    """Returns the root mean square distance in metres of positions (N, 3) from their parabola over time."""
+    """Returns the root mean square distance in metres of positions (N, 3) from a parabola that is fitted over time."""
     design = np.vander(times_s - times_s.mean(), 3)
     left = positions - design @ np.linalg.lstsq(design, positions, rcond=None)[0]
     return float(np.sqrt((left * left).sum() / (len(times_s) - design.shape[1])))
 
 
 def _reach_m(frames: Sequence[Tracking], take: PoseGetter) -> float | None:
-    """Returns the maximum distance in metres of the part from the head; ``None`` without tracked poses."""
+    """Returns the maximum distance in metres of a tracked part from the head; ``None`` without tracked poses."""
     distances = [
         float(np.linalg.norm(np.subtract(pose.position, frame.head.position)))
         for frame in frames

@@ -1,4 +1,4 @@
-"""Time that a participant spends in VR: breaks by rule and by request, and the limit of a session."""
+"""The participant's time in VR: breaks by rule and by request, and the maximum time of a session."""
 
 from typing import Annotated
 
@@ -43,7 +43,7 @@ class HeadsetTime:
 
     @property
     def is_limit_reached(self) -> bool:
-        """Whether the limit is reached."""
+        """Whether the maximum time in VR is reached."""
         limit_s = self.limit_s
         return limit_s is not None and self.total_s >= limit_s
 
@@ -59,7 +59,7 @@ class HeadsetTime:
         return self._requested or (every_s > 0.0 and self._since_break_s >= every_s)
 
     def add_time(self, seconds: float) -> None:
-        """Add time in VR."""
+        """Add ``seconds`` to the time in VR."""
         self.total_s += seconds
         self._since_break_s += seconds
 
@@ -68,16 +68,16 @@ class HeadsetTime:
         self._requested = True
 
     def begin_break(self) -> None:
-        """Begin a break. Questions follow it."""
+        """Begin a break. Questions about the break follow after its end."""
         self._requested, self.break_questions_due = False, True
         self._since_break_s = 0.0
 
     def end_break(self) -> None:
-        """End a break. The time until the next break then starts at 0."""
+        """End a break. The time in VR until the next break is then counted from 0."""
         self._since_break_s = 0.0
 
     def pop_warning(self) -> str:
-        """Returns a warning once, when the limit is close; otherwise an empty text."""
+        """Returns a warning once, when the maximum time is nearly reached; otherwise an empty text."""
         limit_s = self.limit_s
         if self._warned or limit_s is None or self.total_s < limit_s - WARNING_REMAINING_S:
             return ""
@@ -88,6 +88,6 @@ class HeadsetTime:
         )
 
     def pop_unstored_s(self) -> float:
-        """Returns the time in VR since the last call, in seconds."""
+        """Returns the time in VR since the previous call, in seconds."""
         unstored_s, self._stored_s = self.total_s - self._stored_s, self.total_s
         return unstored_s

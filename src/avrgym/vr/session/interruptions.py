@@ -9,7 +9,7 @@ from avrgym.vr.protocol.messages import Visibility
 from avrgym.vr.session import events
 
 UNTRACKED_LIMIT_S = 1.0
-"""Time without a measured pose after which a part of the body counts as untracked."""
+"""Time in seconds without a measured pose after which a part of the body is considered untracked."""
 INVISIBILITY_REASONS: dict[Visibility, str] = {
     "visible-blurred": "a menu of the headset covers the scene",
     "hidden": "the headset was taken off, or the page is in the background",
@@ -31,8 +31,9 @@ TIMED_OUT_TEXT_KEYS: Mapping[TrackedBodyPart, str] = {
 
 @dataclass(frozen=True)
 class Interruption:
-    """An interruption: ``event_name`` and ``reason`` are recorded, ``event`` is stored, and ``participant_text`` is for
-    the participant.
+    """An interruption of an attempt. The recording contains ``event_name`` and ``reason``.
+
+    ``event``: the event for the observer. ``participant_text``: the text for the participant.
     """
 
     event_name: str
@@ -42,7 +43,7 @@ class Interruption:
 
 
 def tracking_interruption(now_s: float, part: TrackedBodyPart) -> Interruption:
-    """Returns the interruption by a part of the body that was not measured for ``UNTRACKED_LIMIT_S``."""
+    """Returns the interruption of an attempt because a part of the body was untracked for ``UNTRACKED_LIMIT_S``."""
     seconds = f"{UNTRACKED_LIMIT_S:g}"
     message = ParticipantText(TIMED_OUT_TEXT_KEYS[part], {"seconds": seconds})
     why = f"tracking was lost for {seconds} s: {TRACKED_BODY_PART_LABELS[part]}"
@@ -50,7 +51,7 @@ def tracking_interruption(now_s: float, part: TrackedBodyPart) -> Interruption:
 
 
 def visibility_interruption(now_s: float, visibility: Visibility) -> Interruption:
-    """Returns the interruption of a participant who no longer sees the scene."""
+    """Returns the interruption of an attempt because the participant no longer sees the scene."""
     why = f"the participant does not see the scene: {INVISIBILITY_REASONS[visibility]}"
     return Interruption(
         "visibility_lost", why, events.VisibilityLost(now_s, visibility), ParticipantText("visibility_lost")
@@ -58,7 +59,7 @@ def visibility_interruption(now_s: float, visibility: Visibility) -> Interruptio
 
 
 def suspension_interruption(now_s: float, seconds: float) -> Interruption:
-    """Returns the interruption by a suspended process or computer. ``seconds``: duration of the suspension."""
+    """Returns the interruption of an attempt by a suspended process or computer. ``seconds``: its duration."""
     why = f"the computer was suspended for {seconds:.1f} s"
     message = ParticipantText("time_lost", {"seconds": f"{seconds:.1f}"})
     return Interruption("time_lost", why, events.TimeLost(now_s, seconds), message)

@@ -23,7 +23,7 @@ class ParticipantInput:
             send(self._targets)
 
     def profile_message(self) -> messages.Input:
-        """Returns the message that contains the profile and the participant's ways to stop."""
+        """Returns the message that contains the profile and the participant's stop methods."""
         values: dict[str, Any] = msgspec.structs.asdict(self.profile)
         values["stops"] = self.profile.stop_inputs
         return messages.Input(**values)
@@ -31,7 +31,8 @@ class ParticipantInput:
     def relay_selection(self, message: messages.Offered | messages.Press, send: SendMessage) -> None:
         """Send the participant's targets to the experimenter, or the experimenter's selection to the participant.
 
-        With any method except ``experimenter``, only the participant selects. The experimenter then gets an error.
+        The experimenter may select only with the input method ``experimenter``. With other methods, the experimenter
+        receives an error.
         """
         if isinstance(message, messages.Offered):
             self._targets = messages.Targets(message.offer_number, message.targets)

@@ -26,7 +26,8 @@ class TrialPlan:
     ``goal`` describes the task to the participant in one sentence; default: the task's goal. ``items`` is the
     questionnaire; default: the session's questionnaire. ``num_earlier_attempts`` is the number of attempts in other
     sessions. ``rules`` are the participant's commands and preferences in this trial. ``allow_preference_changes``:
-    whether the participant may change these preferences. ``settings`` are those of its scene; default: the session's.
+    whether the participant may change these preferences. ``settings``: settings of the trial's scene; default: the
+    settings of the session.
     """
 
     environment: str
@@ -73,18 +74,19 @@ class SessionPlan:
     """The plan of a session.
 
     ``free_movement_s``: duration of free movement before and after each trial. ``countdown_s``: waiting time before the
-    robot starts. ``trial_steps``: a trial's length in control steps. ``first_trial``: the trial, counted from 1, with
-    which the session starts after a break. ``haptics`` and ``sounds``: feedback of touches and of successes.
-    ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``. ``withdraw_after_success``: see
-    ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session. ``texts``: the participant's texts in
-    their language, with goals and items. ``headset_check``: durations of the headset check; ``None`` without a check.
-    ``measure_reach``: whether to measure the participant's arm length for the body model. ``open_questionnaire``: a
-    questionnaire of an earlier session that is completed first. ``consent``: the participant's consent, for the
-    recordings; ``proxy_consent``: that of a representative. ``respondent``: the person who answers, ``participant`` or
-    ``proxy``. ``simulated``: the participant is simulated. ``items``: the questionnaire after each trial.
-    ``input_profile``: how the participant selects and stops at the start of the session. ``settings``: settings of all
-    environments. ``allow_other_settings``: whether policies may have been trained with other settings.
-    ``session_rules``: breaks and the limit of the time in VR. ``break_items``: the questions after a break.
+    robot starts. ``trial_steps``: a trial's length in control steps. ``first_trial``: number (from 1) of the first
+    trial in this session; above 1 if earlier sessions completed trials. ``haptics``, ``sounds``: whether touches and
+    successes give this feedback. ``furniture`` is the real seat or bed. ``force_guard``: see ``safety.force_guard``.
+    ``withdraw_after_success``: see ``safety.withdrawal``. ``stop_rules``: answers that pause or end the session.
+    ``texts``: the participant's texts in their language, with goals and items. ``headset_check``: durations of the
+    headset check; ``None`` without a check. ``measure_reach``: whether to measure the participant's arm length for the
+    body model. ``open_questionnaire``: a questionnaire of an earlier session that is completed first. ``consent``: the
+    participant's consent, for the recordings. ``proxy_consent``: the consent of a representative. ``respondent``: the
+    person who answers questions, ``participant`` or ``proxy``. ``simulated``: whether the participant is simulated.
+    ``items``: the questionnaire after each trial. ``input_profile``: input and stop methods of the participant at the
+    start of the session. ``settings``: settings of all environments. ``allow_other_settings``: whether policies may
+    have been trained with other settings. ``session_rules``: breaks and the limit of the time in VR. ``break_items``:
+    the questions after a break.
     """
 
     trials: Sequence[TrialPlan]
@@ -138,8 +140,10 @@ class SessionPlan:
 def plan_trials_with_practice(
     environments: Sequence[str], policy: str | None, trials: int, seed: int
 ) -> list[TrialPlan]:
-    """Returns a practice trial and ``trials`` trials for each environment. Seeds increase by 1 from trial to trial.
-    Without ``policy``, each environment has its default policy."""
+    """Returns a practice trial and ``trials`` trials for each environment.
+
+    Seeds increase by 1 from trial to trial. Without ``policy``, each environment has its default policy.
+    """
     order = [(environment, i == 0) for environment in environments for i in range(trials + 1)]
     return [
         TrialPlan(environment, policy or default_policy(environment), seed + i, practice)
@@ -148,7 +152,7 @@ def plan_trials_with_practice(
 
 
 Policies = Mapping[tuple[str, str], AnyPolicy]
-"""Policies by environment and name or path. The same name is a different policy in each environment."""
+"""Policies by (environment, name or path). A name refers to a different policy in each environment."""
 
 
 def load_policies(plan: SessionPlan) -> Policies:

@@ -21,7 +21,7 @@ class PreferenceQuestion:
 
     @property
     def item(self) -> Item:
-        """The question as an item of a questionnaire."""
+        """The question as a questionnaire item with a labelled scale."""
         return Item(self.name, self.text, len(self.values), self.labels[0], self.labels[-1], self.labels)
 
     def answer_of(self, preferences: Preferences) -> int:

@@ -1,4 +1,4 @@
-"""Builds the world of a trial in advance. The real-time thread therefore never waits for the compilation."""
+"""Builds the world of a trial in advance. The real-time thread therefore does not wait until a model is compiled."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor, Future
@@ -16,7 +16,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class BodyKey:
-    """Identifies the appearance of a person. It does not depend on the pose."""
+    """Identifies the appearance of a person, independent of the pose."""
 
     sex: Sex
     torso_height_m: float
@@ -26,7 +26,7 @@ class BodyKey:
 
     @classmethod
     def from_person(cls, person: Person) -> Self:
-        """Returns the key of a person."""
+        """Returns the key of the person's appearance."""
         return cls(person.sex, person.torso_height_m, person.skin_tone, person.arm_scale, person.absent_arms)
 
 
@@ -51,7 +51,7 @@ class ImmediateExecutor(Executor):
 
 
 class WorldPreparation:
-    """Builds one world in advance. ``world_key`` identifies it; ``None`` if no world was requested."""
+    """Builds one world in advance. ``world_key`` identifies this world; ``None`` if no world was requested."""
 
     def __init__(self, workers: Executor) -> None:
         self.world_key: WorldKey | None = None
@@ -67,11 +67,11 @@ class WorldPreparation:
 
     @property
     def is_ready(self) -> bool:
-        """Whether the requested world is built."""
+        """Whether the requested world is built, and ``pop_world`` does not wait."""
         return self._world is not None and self._world.done()
 
     def pop_world(self) -> LiveWorld:
-        """Returns the requested world. Raises the error that occurred while it was built, if any."""
+        """Returns the requested world. If building the world raised an error, raises this error."""
         assert self._world is not None
         world, self._world, self.world_key = self._world, None, None
         return world.result()

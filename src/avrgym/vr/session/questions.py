@@ -8,12 +8,13 @@ from avrgym.vr.protocol import messages
 
 
 class QuestionSequence:
-    """Presents the items in order. The participant may go back to change answers."""
+    """The items of a questionnaire in order, with the current item. A participant may go back to change answers."""
 
     def __init__(
         self, items: Sequence[Item], given: Mapping[str, int] | None = None, *, review: bool = False
     ) -> None:
-        """Start with the first item without an answer in ``given``, or with ``review`` with the first item."""
+        """Start with the first item that has no answer in ``given``. If ``review`` is true, start with the first
+        item."""
         self._items = items
         self._given = dict(given or {})
         self._asked = (
@@ -34,7 +35,7 @@ class QuestionSequence:
 
     @property
     def previous_answer(self) -> int | None:
-        """The earlier answer to the current item; ``None`` without one."""
+        """The earlier answer to the current item; ``None`` without an earlier answer."""
         return self._given.get(self._items[self._asked].id)
 
     def current_question(self) -> messages.Question:
@@ -64,7 +65,7 @@ class QuestionSequence:
         return Answer(answer.item, answer.value, answer.response_time_s)
 
     def go_back(self) -> bool:
-        """Move to the previous item. Returns whether there is one."""
+        """Move to the previous item. Returns whether there is a previous item."""
         if self._asked == 0:
             return False
         self._asked -= 1

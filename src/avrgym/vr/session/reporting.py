@@ -18,7 +18,7 @@ from avrgym.vr.tracking.tracking_state import TrackingState
 
 STATUS_INTERVAL_TICKS = 20
 TOOL_FORCE_INTERVAL_TICKS = 4
-"""Interval at which the contact force of the tool is sent if it has changed."""
+"""Interval in ticks at which the contact force of the tool is sent if it has changed."""
 
 NO_FEEDBACK = messages.Feedback(left_touched=False, right_touched=False, events=0)
 
@@ -27,8 +27,10 @@ class StateReporter:
     """Sends states and feedback of the current world. Call ``tick`` once per tick."""
 
     def __init__(self, send: SendMessage, state_interval_ticks: int = 1) -> None:
-        """Create a reporter. If ``state_interval_ticks`` is above 1, states at the end of a control step are sent a
-        tick later."""
+        """Create a reporter that sends a state every ``state_interval_ticks`` ticks.
+
+        If the interval is above 1, a state at the end of a control step is sent a tick later.
+        """
         self._send, self._state_every_ticks = send, state_interval_ticks
         self._ticks, self._state_due = 0, state_interval_ticks
         self._felt = NO_FEEDBACK
@@ -42,7 +44,7 @@ class StateReporter:
         return self._ticks % STATUS_INTERVAL_TICKS == 0
 
     def tick(self, world: LiveWorld, tracking: TrackingState, step: FirstWorldStep | None) -> None:
-        """Send the state after a tick. ``tracking`` is the tracking that moved the body."""
+        """Send the state of the world after a tick. ``tracking``: the tracking that moved the body in this tick."""
         self._ticks += 1
         if world is not self._world:
             self._world, self._touch = world, ArmContactMonitor(world.simulation)
@@ -76,7 +78,7 @@ class StateReporter:
             self._send(messages.ToolForce(force_n))
 
     def _send_feedback(self, step: FirstWorldStep | None) -> None:
-        """Send feedback when touches begin or end, and for successes."""
+        """Send haptic and acoustic feedback when touches begin or end, and when the task succeeds."""
         events = int(step.outcome.events[0]) if step is not None else 0
         felt = messages.Feedback(*self._touched, events)
         if felt != self._felt or events:
@@ -92,7 +94,8 @@ def make_status(
 ) -> messages.Status:  # fmt: skip
     """Returns the status message of a session.
 
-    ``steps``: number of control steps of a trial. ``paused``: no trial may start; ``why``: the stop rule's reason.
+    ``steps``: number of control steps of a trial. ``paused``: whether no trial may start. ``why``: the reason of a stop
+    rule, or empty.
     """
     left, right = tracking.hand_modalities
     region, share = most_loaded_region(world.simulation)

@@ -41,7 +41,7 @@ from avrgym.vr.session.trial_drivers import TrialDrivers
 from avrgym.vr.session.trial_worlds import TrialWorlds
 
 MAX_TICK_GAP_S = 0.5
-"""Maximum time between two ticks, which are usually 10 ms apart. A longer gap ends an attempt."""
+"""Maximum time in seconds between two ticks, usually 10 ms. A longer gap ends an attempt."""
 
 
 class Session:
@@ -65,7 +65,7 @@ class Session:
         participant_input: ParticipantInput | None = None,
         headset_time: HeadsetTime | None = None,
     ) -> None:
-        """Start in phase ``waiting`` with a person of reference height.
+        """Start in the phase ``waiting``, with a person of reference height.
 
         Args:
             plan: the trials and settings of the session.
@@ -75,11 +75,11 @@ class Session:
             identifier: the session's name for clients and recordings.
             observe: called with every event. If it raises an error, the session pauses.
             is_stored: returns whether the observer has stored all events. Until then no phase times out, and no trial
-                follows a completed one. If it raises an error, the session pauses.
+                follows a completed trial. If it raises an error, the session pauses.
             ended_elsewhere: returns whether another process has ended the session; called at every tick.
             workers: an executor that builds the worlds of later trials. Without it, the thread that calls ``tick``
                 builds them, and waits for external controllers.
-            scenes: scenes of earlier sessions, which keep their addresses. The session adds its own.
+            scenes: scenes of earlier sessions. Their addresses remain valid. The session adds its own scenes.
             streams: the streams of other devices, for sessions in real time.
             state_interval_ticks: interval between two sent states of the world, in ticks.
             participant_input: the participant's input profile and its changes; default: created from the plan.
@@ -109,7 +109,7 @@ class Session:
 
     @property
     def phase_name(self) -> PhaseName:
-        """The name of the phase."""
+        """The name of the current phase."""
         return self._phase.name
 
     @property
@@ -129,7 +129,7 @@ class Session:
 
     @property
     def person(self) -> Person:
-        """The participant's virtual body."""
+        """The participant's body model, with its current joint angles."""
         return self._state.person
 
     @property
@@ -139,17 +139,17 @@ class Session:
 
     @property
     def recordings(self) -> list[Path]:
-        """The files of all attempts."""
+        """The recording files of all attempts of this session."""
         return self._state.attempt_storage.recordings
 
     @property
     def attempt_results(self) -> AttemptResults:
-        """The results of the latest attempt until now."""
+        """Success, force and tool speed of the latest attempt until now."""
         return self._state.attempt_storage.attempt_results
 
     @property
     def scenes(self) -> list[tuple[str, Person, Settings]]:
-        """Environment, person and settings of each scene that clients may load. The index is in the scene's address."""
+        """(environment, person, settings) of each scene that clients may load. A scene's address contains its index."""
         return self._state.trial_worlds.scenes
 
     @property
@@ -159,7 +159,7 @@ class Session:
 
     @property
     def world(self) -> LiveWorld:
-        """The current world."""
+        """The world that the clients show now."""
         return self._state.world
 
     @property
@@ -187,12 +187,12 @@ class Session:
         self._announce(send)
 
     def receive(self, message: ReceivedMessage, now_s: float) -> None:
-        """Handle a message from the participant's or the experimenter's client."""
+        """Handle a message from a client of the session."""
         self._state.now_s = now_s
         self._go_to(handle_message(self._phase, message))
 
     def change_input(self, profile: InputProfile, now_s: float) -> None:
-        """Change how the participant selects and stops."""
+        """Change the participant's input profile: the methods to select and to stop."""
         self._state.now_s = now_s
         self._state.change_input(profile)
 
@@ -243,7 +243,7 @@ class Session:
         self._state.drivers.close()
 
     def prevent_trials(self, decision: StopDecision) -> None:
-        """Prevent trials, because an answer before the session met a stop rule."""
+        """Prevent further trials, because an answer before the session met a stop rule."""
         self._state.prevent_trials(decision)
 
     def _is_over(self) -> bool:
@@ -268,7 +268,7 @@ class Session:
         )
 
     def _go_to(self, phase: Phase) -> bool:
-        """Enter a phase, unless it is the current one. Returns whether the phase has changed."""
+        """Enter a phase, unless it is the current phase. Returns whether the phase has changed."""
         if phase is self._phase:
             return False
         self._enter(phase)
@@ -323,14 +323,14 @@ class Session:
         attempt.record_joint_targets(self.world.joint_targets_rad, state.now_s)
 
     def _report_tracking(self, part: TrackedBodyPart, *, lost: bool) -> None:
-        """Report that tracking of a required part is lost, or has returned."""
+        """Report that tracking of a needed part of the body is lost, or has returned."""
         state = self._state
         state.record_event("tracking_lost" if lost else "tracking_found", part)
         kind = events.TrackingLost if lost else events.TrackingFound
         state.event_sink.report(kind(state.now_s, part))
 
     def _check_continuity(self, since_last_tick_s: float) -> None:
-        """Interrupt an attempt if the participant was untracked or the process was suspended."""
+        """Interrupt an attempt if a part of the body was untracked for too long, or the process was suspended."""
         if since_last_tick_s > MAX_TICK_GAP_S:
             self._go_to(self._phase.interrupt(suspension_interruption(self._state.now_s, since_last_tick_s)))
         elif self._phase.can_be_stopped and self._state.untracked_part is not None:

@@ -50,25 +50,26 @@ NOT_IN_VR_TEXT = ParticipantText("waiting")
 """The value of ``absence_text`` before the participant has entered VR."""
 NO_ROBOT_COMMANDS = messages.RobotCommands([], [], "", 1.0, 0.0)
 LATENCY_WINDOW_S = 5
-"""Number of seconds in the latency statistics of the experimenter's page."""
+"""Duration in seconds of the time window for the latency statistics on the experimenter's page."""
 
 
 @dataclass
 class SessionState:
     """The state of a session that all phases share.
 
-    ``drivers`` control the robots. ``event_sink`` reports the events. ``attempt_storage`` records the attempts.
-    ``trial_worlds`` contains the simulated worlds. ``trial_index`` is the index of the plan's trial, from 0. ``person``
-    is the participant's virtual body. ``participant_input``: the participant's input profile. ``headset_time``: the
-    time in VR. ``tracking``: the tracking since the participant entered VR. ``torso_height_known``: the body has the
-    participant's torso height. ``calibrated_posture``: the posture during calibration.
+    ``drivers``: the drivers of the robots. ``event_sink``: reports the events. ``attempt_storage``: records the
+    attempts. ``trial_worlds``: the simulated worlds. ``trial_index`` is the index of the plan's trial, from 0.
+    ``person`` is the participant's virtual body. ``participant_input``: the participant's input profile.
+    ``headset_time``: the time in VR. ``tracking``: the tracking since the participant entered VR.
+    ``torso_height_known``: whether the body has the participant's torso height. ``calibrated_posture``: the posture
+    during calibration.
 
-    ``is_paused``: no trial may start, because the experimenter paused the session or an answer met a stop rule.
-    ``pause_reason``: the reason, if it was a stop rule. ``ends_by_stop_rule``: a stop rule ends the session.
-    ``ready_trial_index``: the index of the trial for which the participant last confirmed to be ready.
-    ``absence_text``: the text that explains why the participant is not in VR; ``None`` in VR. ``visibility``: whether
+    ``is_paused``: whether no trial may start, because the experimenter paused the session or an answer met a stop rule.
+    ``pause_reason``: the reason of the stop rule, or empty. ``ends_by_stop_rule``: whether a stop rule ends the
+    session. ``ready_trial_index``: index of the trial that the participant confirmed last with the trigger.
+    ``absence_text``: the text with the reason why the participant is not in VR; ``None`` in VR. ``visibility``: whether
     the participant sees the scene. ``headset_check_result``: result of the latest headset check. ``headset_checked``:
-    the check passed, or was skipped. ``now_s``: time since the session's start.
+    whether the check passed or was skipped. ``now_s``: time since the session's start.
     """
 
     plan: SessionPlan
@@ -106,7 +107,7 @@ class SessionState:
 
     @property
     def current_trial(self) -> TrialPlan:
-        """The running or next trial; the last trial when all are over."""
+        """The running or next trial; after all trials, the last trial."""
         return self.plan.trials[min(self.trial_index, len(self.plan.trials) - 1)]
 
     @property
@@ -116,7 +117,7 @@ class SessionState:
 
     @property
     def world(self) -> LiveWorld:
-        """The current world."""
+        """The world that the clients show now."""
         return self.trial_worlds.world
 
     @property
@@ -142,17 +143,18 @@ class SessionState:
     # Messages to the clients ---------------------------------------------------------------------------------------
 
     def explain_rejection(self, text: ParticipantText) -> None:
-        """Show the participant, in their language, why a request is rejected. The experimenter sees it too."""
+        """Show the participant the reason for a rejected request, in their language. The experimenter also receives
+        this text."""
         texts = self.plan.texts
         by_input = texts.render_by_input(text)
         self.send(messages.Problem(texts.render(text), "participant", texts.render_for_page(text), by_input))
 
     def report_problem(self, problem: str) -> None:
-        """Report a problem to the experimenter."""
+        """Send the text ``problem`` to the experimenter's page."""
         self.send(messages.Problem(problem, "experimenter"))
 
     def record_event(self, name: str, detail: str) -> None:
-        """Record an event in a running attempt."""
+        """Record an event in the running attempt; without an attempt, do nothing."""
         self.attempt_storage.record_event(name, detail, self.now_s)
 
     def language_message(self) -> messages.Language:
@@ -171,7 +173,7 @@ class SessionState:
         return messages.Body(self.person.sex, self.person.skin_tone, *tones)
 
     def send_changed_scene(self) -> None:
-        """Send the scene if it has changed."""
+        """Send the scene to all clients if it differs from the last sent scene."""
         scene = self.scene_message()
         if scene != self._sent_scene:
             self._sent_scene = scene
@@ -232,7 +234,7 @@ class SessionState:
                 self.report_problem(warning)
 
     def report_headset_time(self) -> None:
-        """Report the time in VR that was not reported yet."""
+        """Report the time in VR since the previous report to the observer."""
         seconds = self.headset_time.pop_unstored_s()
         if seconds > 0.0:
             self.event_sink.report(events.HeadsetUsed(self.now_s, seconds))
@@ -260,7 +262,8 @@ class SessionState:
         self.event_sink.report(events.ReachMeasured(self.now_s, arm_scale))
 
     def correct_torso_height(self, torso_height_m: float) -> bool:
-        """Set the torso height that the experimenter entered. Returns whether it is valid; reports an invalid one."""
+        """Set the torso height that the experimenter entered. Returns whether it is valid; reports an invalid
+        height."""
         try:
             self.set_torso_height(torso_height_m)
         except ValueError as error:
@@ -303,8 +306,8 @@ class SessionState:
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> bool:
         """Change the participant's body. Returns whether the choice is valid; reports an invalid choice.
 
-        After a change of the sex the participant must be calibrated again. The torso height is measured from the hips,
-        and the hips of the male model are higher.
+        After a change of the sex, the participant must be calibrated again: the torso height is measured from the hips,
+        which are higher in the male model.
         """
         try:
             chosen = Person(choice.sex, PROPORTIONS[choice.sex].torso_height, skin_tone=choice.skin_tone)
@@ -349,9 +352,9 @@ class SessionState:
         self.event_sink.report(events.PreferencesChanged(self.now_s, self.current_trial.rules.preferences))
 
     def change_input(self, profile: InputProfile) -> None:
-        """Change how the participant selects and stops, from now on. The next world has the profile's arms.
+        """Change the participant's input profile. The next world contains the profile's arms.
 
-        A profile without an arm that a remaining task needs is reported and changes nothing.
+        If a remaining task needs an arm that the profile lacks, the change is rejected and a problem is reported.
         """
         remaining = self.plan.trials[self.trial_index :]
         tasks = [(find_environment(each.environment)[0], self.plan.settings_of(each)) for each in remaining]
@@ -368,7 +371,7 @@ class SessionState:
     def update_visibility(self, visibility: messages.Visibility) -> bool:
         """Store the visibility of the scene. Returns whether the participant has just stopped seeing it.
 
-        The next trial then starts only after the participant has confirmed again to be ready.
+        If visibility was lost, the next trial starts only after the participant presses the trigger again.
         """
         before, self.visibility = self.visibility, visibility
         if visibility != "visible":
@@ -459,7 +462,7 @@ class SessionState:
             self.report_problem(f"the robot holds its position, because its controller failed: {failure}")
 
     def stop_operator(self, driver: OperatorDriver, event: str) -> None:
-        """Stop the robot, because its operator left or sends nothing. Records the event."""
+        """Stop the robot, because its operator left or sends nothing. ``event``: name of the recorded event."""
         force_n = float(self.world.simulation.tool_force_n()[0])
         self.record_event(event, f"{driver.holder}; contact force of the tool {force_n:.1f} N")
         driver.stop_robot()
@@ -530,7 +533,7 @@ class SessionState:
 
     @property
     def withdrawal_enabled(self) -> bool:
-        """Whether the robot withdraws after success. With an operator it never does."""
+        """Whether the robot withdraws its tool after success. A robot with an operator never withdraws."""
         return self.plan.withdraw_after_success and not isinstance(self.driver, OperatorDriver)
 
     def record_withdrawal(self) -> None:
@@ -541,7 +544,7 @@ class SessionState:
         self._withdrew = withdraws
 
     def end_attempt(self, result: AttemptEnd) -> RecordingError | None:
-        """End a running attempt. Returns the error that makes its recording incomplete, if any."""
+        """End a running attempt. Returns the error that makes its recording incomplete; ``None`` without an error."""
         if self.attempt_storage.attempt is None:
             return None
         failure = self.attempt_storage.end_attempt(result, self.tracking.pop_arrived_frames(), self.now_s)
@@ -549,7 +552,8 @@ class SessionState:
         return failure
 
     def complete_attempt(self) -> RecordingError | None:
-        """Stop the robot after it has finished, and complete a running attempt. Returns the same as ``end_attempt``."""
+        """Stop the robot after it has finished, and complete a running attempt. Returns an error as ``end_attempt``
+        does."""
         self.world.stop_robot()
         return self.end_attempt("completed")
 

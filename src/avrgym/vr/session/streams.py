@@ -12,7 +12,7 @@ from avrgym.vr.session.events import SessionEvent, StreamFound, StreamLost
 from avrgym.vr.session.state import SessionState
 
 SEND_INTERVAL_TICKS = 2
-"""Interval at which poses and forces are sent (50 Hz)."""
+"""Interval in ticks at which poses and forces are sent (50 Hz)."""
 
 
 class DeviceStreams(Protocol):
@@ -20,7 +20,7 @@ class DeviceStreams(Protocol):
 
     @property
     def available(self) -> Mapping[str, bool]:
-        """Whether each requested stream is available, by name."""
+        """Whether each received stream is available, by its name in the study."""
         ...
 
     def pop_samples(self, now_s: float) -> list[tuple[Stream, StreamSamples]]:
@@ -28,7 +28,7 @@ class DeviceStreams(Protocol):
         ...
 
     def send_event(self, event: SessionEvent) -> None:
-        """Send an event."""
+        """Send an event of the session to other devices."""
         ...
 
     def send_state(self, world: LiveWorld, now_s: float) -> None:
@@ -48,7 +48,7 @@ class StreamRecording:
 
     @property
     def stream_status(self) -> list[StreamStatus]:
-        """The requested streams, and whether each is available."""
+        """The status of each received stream: whether it is available."""
         return [StreamStatus(name, present) for name, present in self._present.items()]
 
     def tick(self) -> None:

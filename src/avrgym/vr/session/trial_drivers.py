@@ -9,8 +9,8 @@ from avrgym.vr.session.plan import Policies, TrialPlan
 class TrialDrivers:
     """A driver for each policy of each environment.
 
-    ``latest_failure``: the latest failure of the current driver, empty without one. ``reported_failure_kinds``: kinds
-    of failures that were reported in this attempt.
+    ``latest_failure``: message of the current driver's latest failure; empty without a failure.
+    ``reported_failure_kinds``: failures that were already reported in this attempt, without details.
     """
 
     def __init__(self, policies: Policies, *, background: bool) -> None:
@@ -33,6 +33,6 @@ class TrialDrivers:
         self.latest_failure, self.reported_failure_kinds = "", set()
 
     def close(self) -> None:
-        """Stop all drivers."""
+        """Stop all drivers, and end their threads."""
         for driver in self._drivers.values():
             driver.close()

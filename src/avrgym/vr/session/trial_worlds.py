@@ -1,4 +1,4 @@
-"""The worlds of a session: the current one, the next one, and the scene that a client shows."""
+"""The worlds of a session: the current world, the next world, and the scene that the client shows."""
 
 from concurrent.futures import Executor
 from dataclasses import replace
@@ -27,7 +27,7 @@ class TrialWorlds:
         workers: Executor,
         scenes: list[tuple[str, Person, Settings]],
     ) -> None:
-        """Build the world of the trial with this index. New scenes are added to ``scenes``."""
+        """Build the world of the trial with index ``trial``. New scenes are added to ``scenes``."""
         self.scenes = scenes
         self._plan = plan
         self._preparation = WorldPreparation(workers)
@@ -39,7 +39,7 @@ class TrialWorlds:
 
     @property
     def scene_url(self) -> str:
-        """The address of the current world's scene."""
+        """The address of the GLB file of the current world's scene."""
         return scene_url(self.scene_number)
 
     def is_unused(self, trial: int, person: Person) -> bool:
@@ -53,8 +53,8 @@ class TrialWorlds:
     def prepare(self, trial: int, person: Person) -> None:
         """Start to build a trial's world, if it does not exist and is not in preparation.
 
-        In the same environment with the same settings, the new person has the current pose. Otherwise it has the rest
-        pose of the task.
+        In the same environment with the same settings, the new person has the current pose. Otherwise the new person
+        has the rest pose of the task.
         """
         key = _key(trial, person)
         if key in (self._fresh_for, self._preparation.world_key):
@@ -79,7 +79,7 @@ class TrialWorlds:
         return self._preparation.is_ready
 
     def switch_world(self) -> None:
-        """Replace the current world by the prepared one. Raises the error of its preparation, if any."""
+        """Replace the current world by the prepared world. If its preparation raised an error, raises this error."""
         key, world = self._preparation.world_key, self._preparation.pop_world()
         self.scene_number = self._number(world.environment_id, world.settings, world.person)
         self.world, self._fresh_for = world, key

@@ -1,11 +1,11 @@
 """Inverse kinematics of a person's right arm with a natural elbow position.
 
-The arm has a ball joint at the shoulder, a hinge at the elbow and three intersecting hinges at the wrist. A hand pose
-leaves one degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist. Each swivel angle
-determines the joint angles in closed form. The solver chooses a comfortable swivel angle near the current one. Joint
-ranges and speed limits may leave an error of the hand. Damped least squares then reduce this error with all joints.
-Source: Tolani, Goswami and Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical
-Models 62, 2000.
+The arm model has a ball joint (shoulder), a hinge (elbow) and three intersecting hinges (wrist). A hand pose leaves one
+degree of freedom: the swivel angle of the elbow about the line from shoulder to wrist. Each swivel angle determines the
+joint angles in closed form. The solver selects a comfortable swivel angle near the current angle. Joint ranges and
+speed limits may leave an error of the hand. Damped least squares then reduce this error with all joints. Source:
+Tolani, Goswami and Badler, "Real-time inverse kinematics techniques for anthropomorphic limbs", Graphical Models 62,
+2000.
 
 All quantities are in the shoulder's frame, which has the torso's axes. The left arm is solved as the mirror image of a
 right arm.
@@ -32,26 +32,27 @@ ARM_LOWER_RAD, ARM_UPPER_RAD = LOWER_LIMITS_RAD[_RIGHT], UPPER_LIMITS_RAD[_RIGHT
 _FIRST, _LAST = (
     extreme(ARM_LOWER_RAD + np.pi, ARM_UPPER_RAD - np.pi) for extreme in (np.minimum, np.maximum)
 )
-"""Each angle is reduced to ±π around a value between these bounds. This interval lies in the joint's range or covers
-it."""
+"""Bounds (7,) of the centre of the interval to which an angle is reduced, centre ± π. The interval is in the joint's
+range or contains it."""
 
 MAX_TICK_ROTATION_RAD = 0.0999
-"""Maximum rotation of a joint in one tick."""
+"""Maximum rotation of a joint in one tick, in radians."""
 MAX_ACCURATE_ROTATION_RAD = 1.2
-"""If a joint must rotate by more than this, the solver accepts a pose error of the hand, because no motion can avoid
-it."""
+"""If a joint must rotate by more radians, no motion can avoid a pose error of the hand. The solver then accepts this
+error."""
 MAX_REACH_FRACTION = 1.0 - 1e-9
-"""Maximum share of the arm's length that the wrist reaches. At full reach, rounding errors would bend the elbow."""
+"""Maximum distance of the wrist, as a share of the arm's length. At full length, rounding errors would bend the
+elbow."""
 SINGULARITY_ANGLE_RAD = 0.006
-"""If the upper arm is within this angle of the forward direction, the solver approximates its direction. The error is
-at most 3 mm for an arm of 0.5 m."""
+"""If the upper arm is within this angle (in radians) of the forward direction, the solver approximates the arm's
+direction. For an arm of 0.5 m, the position error is at most 3 mm."""
 SWIVEL_STEP_RAD = np.radians(5.0)
 
 OUT_OF_RANGE_COST, MOTION_COST = 1500.0, 1.0
-"""Costs of a swivel per squared radian outside a joint's range, and per squared radian from the current angles."""
+"""Costs of a swivel angle per squared radian: outside a joint's range, and difference from the current joint angles."""
 SHOULDER_Y_COST, SHOULDER_Z_COST, FOREARM_COST, WRIST_COST = 0.006, 0.012, 0.006, 0.012
-"""Costs per squared radian from the comfortable angles of these joints. They are small, so elbows drift slowly and
-never jump. All costs are tuned on poses of free movement."""
+"""Costs per squared radian from the comfortable angles of these joints. With small costs, elbows drift slowly and do
+not jump. All costs are tuned on poses of free movement."""
 RAISED_ELBOW_COST = 0.025
 """Half of the cost difference between an elbow opposite to its rest direction and an elbow at rest."""
 ELBOW_REST_DIRECTION = transforms.normalize([-0.26, -0.1, -1.0])
@@ -69,14 +70,14 @@ class ArmLengths:
 
     @classmethod
     def from_person(cls, person: Person) -> "ArmLengths":
-        """Returns the lengths of a person's arm."""
+        """Returns the lengths of a person's arm in metres."""
         p = PROPORTIONS[person.sex]
         scale = person.arm_scale * (person.torso_height_m / p.torso_height)
         return cls(p.upper_arm_length * scale, p.forearm_radius + p.forearm_length * scale, p.hand_radius)
 
 
 class ArmSolver:
-    """Inverse kinematics for the right arm of one person. Stateless: the result depends only on the arguments."""
+    """Inverse kinematics for the right arm of one person. The result depends only on the arguments (stateless)."""
 
     def __init__(self, person: Person) -> None:
         self._lengths = ArmLengths.from_person(person)
@@ -96,10 +97,10 @@ class ArmSolver:
         """Returns the angles (A, 7) of the joints ``ARM_JOINTS`` that bring the hands of A arms to their poses.
 
         Args:
-            hand_pos: the hands' centres (A, 3), metres. For positions out of reach the arm stretches towards them.
+            hand_pos: the hands' centres (A, 3), metres. If a position is out of reach, the arm stretches towards it.
             hand_axes: the hands' axes (A, 3, 3) as columns.
-            start_rad: the current angles (A, 7).
-            max_rotation_rad: maximum rotation of a joint from its current angle.
+            start_rad: the current joint angles (A, 7), radians.
+            max_rotation_rad: maximum rotation of a joint from its current angle, radians.
         """
         hand_pos = _within_reach(self._lengths, hand_pos, hand_axes)
         aim = comfortable_angles(self._lengths, hand_pos, hand_axes, start_rad)
@@ -125,7 +126,7 @@ class ArmSolver:
         angles: FloatArray,
         limits: tuple[FloatArray, FloatArray],
     ) -> FloatArray:
-        """Returns a damped least-squares step (7,). Joints at a limit do not move beyond it."""
+        """Returns a damped least-squares step of the joint angles (7,) in radians. No joint exceeds its limits."""
         data = self._data
         data.qpos[_RIGHT] = angles
         mujoco.mj_kinematics(self._model, data)
@@ -151,7 +152,8 @@ _DAMPING = LEAST_SQUARES_DAMPING_M**2 * np.eye(6)
 
 
 def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
-    """Returns the rotation vector (3,) from a rotation matrix (9,), flattened by rows, to a target matrix (3, 3)."""
+    """Returns the rotation vector (3,) in radians from a rotation matrix (9,), flattened by rows, to a target matrix
+    (3, 3)."""
     difference, q, vector = np.empty(9), np.empty(4), np.empty(3)
     mujoco.mju_mulMatMatT(difference.reshape(3, 3), target_axes, from_axes.reshape(3, 3))
     mujoco.mju_mat2Quat(q, difference)
@@ -160,7 +162,8 @@ def _turn(from_axes: FloatArray, target_axes: FloatArray) -> FloatArray:
 
 
 def _within_reach(lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray) -> FloatArray:
-    """Returns the hands' centres (A, 3), moved along the lines from shoulders to wrists into the reach of the arms."""
+    """Returns the hands' centres (A, 3) in metres. Centres out of reach are moved along the line from shoulder to
+    wrist."""
     to_wrist = lengths.hand_m * hand_axes[:, :, 2]
     wrist = hand_pos + to_wrist
     distance_m = np.maximum(transforms.norm(wrist), 1e-6)
@@ -176,10 +179,10 @@ _COS_MOST_BENT = cos(ARM_LOWER_RAD[ARM_JOINTS.index("elbow_x")])
 def comfortable_angles(
     lengths: ArmLengths, hand_pos: FloatArray, hand_axes: FloatArray, start_rad: FloatArray
 ) -> FloatArray:
-    """Returns the most comfortable angles (A, 7) that bring hands to poses within reach.
+    """Returns the most comfortable joint angles (A, 7), in radians, that bring hands to poses within reach.
 
     The result may exceed the joint ranges of shoulder and wrist. The arguments are those of ``ArmSolver.solve``.
-    Several arms need little more time than one.
+    Several arms need little more computing time than one arm.
     """
     elbow, coefficients = _swivelling(
         lengths, hand_pos + lengths.hand_m * hand_axes[:, :, 2], hand_axes, start_rad
@@ -212,7 +215,7 @@ def _swivelling(
 def _entries() -> FloatArray:
     """Returns a matrix (11, 18). It maps frames of upper arm and forearm to inputs of ``_solutions`` and ``_costs``.
 
-    Rows 0–3 are sines and rows 4–7 cosines of the unlimited angles, both times a positive number. Rows 8–9 are the
+    Rows 0–3 are sines and rows 4–7 cosines of the unlimited angles, multiplied by a positive number. Rows 8–9 are the
     sines of the bending angles. Row 10 is the component of the elbow's direction along its rest direction.
     """
     upper_arm, forearm = np.eye(18).reshape(2, 3, 3, 18)
@@ -227,9 +230,9 @@ _ENTRIES = _entries()
 
 
 def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
-    """Returns the angle of the elbow joint for a distance between shoulder and wrist.
+    """Returns the angle of the elbow joint, in radians, for a distance between shoulder and wrist.
 
-    The second result is the angle between the upper arm and the line from shoulder to wrist.
+    The second result is the angle in radians between the upper arm and the line from shoulder to wrist.
     """
     upper, fore = lengths.upper_arm_m, lengths.forearm_m
     cosine = (distance_m**2 - upper**2 - fore**2) / (2.0 * upper * fore)
@@ -240,7 +243,7 @@ def _elbow(lengths: ArmLengths, distance_m: float) -> tuple[float, float]:
 def _towards(wrist: list[float], start_rad: list[float]) -> list[list[float]]:
     """Returns axes (3, 3) as columns: −z points towards the wrist, x is close to the elbow's hinge.
 
-    If the hinge points to the wrist, x is the hinge after a rotation of the upper arm by 90°.
+    If the hinge axis points to the wrist, x is the hinge axis after a rotation of the upper arm by 90°.
     """
     x, y, z = wrist
     scale = -1.0 / max(sqrt(x * x + y * y + z * z), 1e-6)
@@ -265,8 +268,8 @@ def _upper_arm_x(angles_rad: list[float]) -> tuple[float, float, float]:
 def _turning_axes(below: float) -> list[list[float]]:
     """Returns coefficients (3, 9) for the axes x, y, z of a frame.
 
-    The frame rotates about z by the swivel angle, then about its x axis by ``below``. Each axis has three columns: the
-    coefficients of the swivel angle's cosine and sine, and the constant.
+    The frame rotates about z by the swivel angle, then about its x axis by the angle ``below``. Each axis has three
+    columns: the coefficients of the swivel angle's cosine and sine, and the constant.
     """
     c, s = cos(below), sin(below)
     return [
@@ -277,9 +280,7 @@ def _turning_axes(below: float) -> list[list[float]]:
 
 
 def _harmonics(swivels_rad: Sequence[float]) -> FloatArray:
-    """Returns the cosines, sines and ones (3, K) of K swivel angles: the factors of the coefficients of
-    ``_turning_axes``.
-    """
+    """Returns factors (3, K) for the coefficients of ``_turning_axes``: cosine, sine and 1 of K swivel angles."""
     return np.array(
         [
             [cos(swivel) for swivel in swivels_rad],
@@ -318,7 +319,7 @@ _OTHER_WAY = np.pi, np.array([1.0, -1.0, 1.0])[:, None, None]
 
 
 def _rest_near_pole(angles: FloatArray, forward: FloatArray, start_y_rad: FloatArray) -> None:
-    """Keep the angle of shoulder y if the upper arm points nearly forward. This hardly moves the hand.
+    """Do not change the angle of shoulder y if the upper arm points nearly forward. The hand's error is small.
 
     In this direction, y and z rotate about the same axis. Exact solutions would rotate both joints fast while the arm
     passes the direction. ``forward`` (A, K) is the forward component of the upper arm's direction, −1 to 1.
@@ -333,8 +334,8 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     """Returns the costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
     The cost of motion is the squared difference of each joint from its current angle. The cost of discomfort is the
-    squared difference from its comfortable angle. Except for a constant and a factor, their sum is the squared
-    difference from the weighted mean of both angles.
+    squared difference from its comfortable angle. The sum of both costs equals the squared difference from the weighted
+    mean of both angles, except for a constant and a factor.
     """
     outside = angles - _clipped(angles, _per_arm(ARM_LOWER_RAD[None]), _per_arm(ARM_UPPER_RAD[None]))
     away = angles - _per_arm(
@@ -360,7 +361,7 @@ def _vertex(costs: FloatArray, lowest: int) -> float:
 
 
 def _clipped(x: FloatArray, lower: FloatArray | float, upper: FloatArray | float) -> FloatArray:
-    """Clip ``x`` to a range. For a few numbers, ``numpy.clip`` takes several times longer."""
+    """Returns ``x``, clipped to a range. For a few numbers, ``numpy.clip`` takes several times longer."""
     return np.minimum(np.maximum(x, lower), upper)
 
 
@@ -379,4 +380,4 @@ def measure_solve_time_ms(calls: int = 1000) -> float:
 
 _FORWARD_AXES = from_euler_xyz(-0.5 * np.pi, 0.0, 0.0)
 ARM_REST_ANGLES_RAD = np.radians([8.0, -15.0, 0.0, -90.0, 0.0, 0.0, 0.0])
-"""Joint angles of an arm that hangs slightly forwards and outwards, with a bent elbow."""
+"""Joint angles (7,) in radians of an arm that hangs slightly forwards and outwards, with a bent elbow."""

@@ -24,7 +24,7 @@ from avrgym.vr.protocol.webxr import Pose
 from avrgym.vr.tracking.arm import ARM_JOINTS, MAX_TICK_ROTATION_RAD, ArmLengths, ArmSolver
 
 WAIST_YAW_SHARE = 0.3
-"""The waist's share of the head's yaw (paper, section III)."""
+"""Share of the head's yaw that the waist performs (paper, section III)."""
 
 WAIST_JOINT_INDICES = [JOINT_INDEX[f"waist_{axis}"] for axis in "xyz"]
 HEAD_JOINT_INDICES = [JOINT_INDEX[f"head_{axis}"] for axis in "xyz"]
@@ -47,7 +47,10 @@ class BodyPose:
 
 
 def resting_head_centre(person: Person, posture: Posture) -> FloatArray:
-    """Returns the head's centre (3,) in the world frame. The person sits upright, or lies with the back on the bed."""
+    """Returns the head's centre (3,) at rest, in metres in the world frame.
+
+    The person sits upright, or lies with the back on the bed.
+    """
     pos_w, axes_w = hips_frame(person, posture)
     return pos_w + person.torso_height_m * axes_w[:, 2]
 
@@ -85,13 +88,15 @@ def _hips_frame(sex: Sex, posture: Posture) -> tuple[FloatArray, FloatArray]:
 
 
 def solve_torso_angles(person: Person, head: Pose, posture: Posture = SEATED) -> FloatArray:
-    """Returns joint angles (6,) that bring the head to its pose, within the joint ranges: waist x, y, z, head x, y, z.
+    """Returns joint angles (6,) in radians that bring the head to its pose: waist x, y, z, head x, y, z.
 
-    The waist bends until the head joints are on the line to their tracked position. With joints in the order x, y, z
-    the torso points along (sin b, −sin a cos b, cos a cos b). Let ψ be the vector from waist to head joints in the
-    hips' frame; then a = −atan2(ψy, ψz) and b = atan2(ψx cos a, ψz) (paper, section III, which uses the head's centre).
-    The yaw is divided between waist and head. The head joints perform the rest of the rotation. The head's orientation
-    is therefore exact within the ranges of its joints, even if the waist is at a limit.
+    All angles are within the joint ranges.
+
+    The waist bends until the head joints are on the line from the waist to their tracked position. With joints in the
+    order x, y, z the torso points along (sin b, −sin a cos b, cos a cos b). Let ψ be the vector from waist to head
+    joints in the hips' frame; then a = −atan2(ψy, ψz) and b = atan2(ψx cos a, ψz) (paper, section III, which uses the
+    head's centre). The yaw is divided between waist and head. The head joints perform the rest of the rotation. The
+    head's orientation is therefore exact within the ranges of its joints, even if the waist is at a limit.
 
     The torso is rigid between waist and head joints. The head's position error is therefore the difference between the
     torso's length and the tracked distance. No other angles with this head direction have a smaller error.
@@ -134,9 +139,9 @@ class _Aim:
 
 
 class BodySolver:
-    """The inverse kinematics of one person. Call ``solve`` with every tracking frame.
+    """The inverse kinematics of one person.
 
-    Stateless: the result depends only on the arguments.
+    Call ``solve`` with every tracking frame. The result depends only on the arguments (stateless).
     """
 
     def __init__(self, person: Person, posture: Posture = SEATED) -> None:
@@ -149,10 +154,10 @@ class BodySolver:
     def solve(
         self, pose: BodyPose, start_rad: FloatArray, max_rotation_rad: float = MAX_TICK_ROTATION_RAD
     ) -> FloatArray:
-        """Returns joint angles (20,) within their ranges that bring head and hands to ``pose``.
+        """Returns joint angles (20,) in radians, within their ranges, that bring head and hands to ``pose``.
 
         Waist and head follow immediately. Joints of arms rotate from ``start_rad`` (20,) by at most
-        ``max_rotation_rad``, so they cannot jump. The arm of an untracked hand keeps its angles. A second call with the
+        ``max_rotation_rad``, so they cannot jump. The arm of an untracked hand does not move. A second call with the
         same pose takes less time.
         """
         if self._known is None or self._known[0] is not pose:
@@ -186,7 +191,8 @@ class BodySolver:
         )
 
     def _torso_frame(self, waist_rad: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the position of the waist in the world, (3,), and the torso's axes (3, 3) as columns."""
+        """Returns the position (3,) of the waist in metres and the torso's axes (3, 3) as columns, in the world
+        frame."""
         hips_w, hips_axes_w = hips_frame(self.person, self.posture)
         return hips_w + hips_axes_w @ self._waist_h, hips_axes_w @ from_euler_xyz(*waist_rad.tolist())
 
@@ -194,9 +200,9 @@ class BodySolver:
 _REFLECT = {"right": (1.0, 1.0, 1.0), "left": (-1.0, 1.0, 1.0)}
 """Signs of a vector's coordinates that reflect a left hand at the plane x = 0."""
 _ABOUT_X = np.array([part.endswith("x") for part in ARM_JOINTS])
-"""Boolean mask (7,) of an arm's joints: their angles keep their sign when the arm is mirrored."""
+"""Boolean mask (7,) of an arm's joints: angles with the same sign in the mirrored arm."""
 
 RELAXED_ANGLES_RAD = human.seated_joint_angles(
     right_shoulder_x=-15.0, left_shoulder_x=-15.0, right_shoulder_y=8.0, left_shoulder_y=-8.0
 )
-"""Joint angles with arms that hang slightly forwards and outwards, with bent elbows."""
+"""Joint angles (20,) in radians with arms that hang slightly forwards and outwards, with bent elbows."""

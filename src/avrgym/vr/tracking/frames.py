@@ -22,7 +22,7 @@ from avrgym.vr.tracking.freshness import STALE_POSE_AGE_S, MeasurementTimes
 
 CALIBRATION_WINDOW_S = 0.5
 MIN_CALIBRATION_FRAMES = 3
-"""Minimum number of frames for a meaningful median. A page that renders in software sends few frames."""
+"""Minimum number of frames for the median of a pose. A page that renders in software sends few frames."""
 STEADY_HEAD_RANGE_M = 0.03
 MAX_HEAD_PITCH_SINE = 0.85
 """Sine of the steepest pitch at which a headset's yaw is reliable."""
@@ -31,7 +31,7 @@ MAX_HEAD_PITCH_SINE = 0.85
 MAX_SEQUENCE_GAP = 1000
 """Maximum increase of the frame number from one frame to the next: ten seconds of a headset's frames."""
 MIN_RESTART_FRAMES = 10
-"""After this number of consecutive frames that continue each other, but not the stream, the stream has restarted."""
+"""Number of consecutively numbered frames after which a stream with other numbers is accepted as restarted."""
 
 
 class SequenceFilter:
@@ -70,8 +70,8 @@ def _continues(number: int, before: int) -> bool:
 class ReceivedFrame:
     """A tracking frame with its arrival time. ``is_usable``: the frame is valid and may move the simulated person.
 
-    ``captured_s`` is the capture time, computed from the client's clock. It is never after the arrival and never far
-    before it. Frames that were delayed in the network keep their original intervals.
+    ``captured_s`` is the capture time, computed from the client's clock. It is at most the arrival time, and not far
+    below it. Network delays do not change the intervals between capture times.
     """
 
     tracking: Tracking
@@ -148,14 +148,14 @@ class TrackingFeed:
             self._recent.popleft()
 
     def _is_usable(self, frame: Tracking) -> bool:
-        """Returns whether a frame has a head pose, valid numbers, and continues the stream."""
+        """Returns whether a frame is usable: it has a head pose and valid numbers, and continues the stream."""
         poses = [pose for pose in (frame.head, frame.left, frame.right) if pose is not None]
         sound = frame.head is not None and all(is_valid_pose(pose) for pose in poses)
         return sound and self._numbering.accepts(frame.sequence)
 
 
 def body_pose(registration: Registration, frame: Tracking) -> BodyPose:
-    """Returns the world poses of head and hands in a usable frame. The frame contains wrist poses of bare hands."""
+    """Returns the world poses of head and hands in a usable frame. For bare hands, the frame contains wrist poses."""
     assert frame.head is not None
 
     def hand(side: Side, pose: XRPose | None, modality: Modality) -> Pose | None:

@@ -10,11 +10,11 @@ from avrgym.models.body_names import TRACKED_BODY_PARTS, TrackedBodyPart
 from avrgym.vr.protocol.messages import Tracking, XRPose
 
 STALE_POSE_AGE_S = 0.2
-"""Age above which a pose is stale."""
+"""Age in seconds above which a pose is stale."""
 
 
 class MeasurementTimes:
-    """The time of the latest measurement of each part."""
+    """The time of the latest measurement of each tracked part of the body."""
 
     def __init__(self) -> None:
         self._begun = False
@@ -22,7 +22,7 @@ class MeasurementTimes:
         self._measured_s: dict[TrackedBodyPart, float] = {}
 
     def update(self, frame: Tracking, now_s: float) -> None:
-        """Add a usable frame that arrives now."""
+        """Add a usable frame that arrives now. Its changed poses are new measurements."""
         self._begun = True
         for part in TRACKED_BODY_PARTS:
             pose: XRPose | None = getattr(frame, part)
@@ -33,7 +33,7 @@ class MeasurementTimes:
             self._poses[part] = pose
 
     def pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
-        """Returns the time since the part's latest measurement; infinite without one."""
+        """Returns the time in seconds since the part's latest measurement; infinite without a measurement."""
         return now_s - self._measured_s.get(part, -inf)
 
     def stale_parts(self, now_s: float) -> tuple[TrackedBodyPart, ...]:

@@ -1,7 +1,7 @@
 """Filters jumps of tracked poses. The body does not follow a head or hand that is faster than the maximum speeds.
 
-The limb keeps its pose until tracking has had no jump for some time. It then moves slowly to the tracked pose. The same
-applies when tracking of a limb continues at another position, after it was lost or its pose was repeated.
+After a jump, the limb holds its pose until tracking has had no jump for some time. It then moves slowly to the tracked
+pose. The same applies after tracking was lost, or repeated a pose, if the tracked limb is then at another position.
 """
 
 from math import acos, dist, hypot
@@ -13,17 +13,17 @@ from avrgym.vr.protocol.messages import TICK_S, Tracking, XRPose
 from avrgym.vr.tracking.freshness import is_moved_by_mouse
 
 MAX_SPEED_M_S, MAX_SPEED_RAD_S = 10.0, 30.0
-"""Maximum speeds of heads and hands of people who receive assistance."""
+"""Maximum speeds of head and hands. People who receive assistance move more slowly."""
 JUMP_RECOVERY_S = 0.1
-"""Time without a jump after which poses are valid again."""
+"""Time in seconds without a jump after which tracked poses are valid again."""
 MAX_UNTRACKED_DURATION_S = 0.2
-"""Time without tracking after which a limb may be at any position."""
+"""Time in seconds without tracking after which a limb may be at any position."""
 RETURN_SPEED_FRACTION = 0.025
 """Share of the maximum speeds with which the body returns to the tracked pose: 0.25 m/s, 0.75 rad/s."""
 
 
 def min_travel_time_s(one: XRPose, other: XRPose) -> float:
-    """Returns the duration of the motion between two poses at the maximum speeds."""
+    """Returns the minimum duration in seconds of a motion between two poses, at the maximum speeds."""
     turned = abs(sum(a * b for a, b in zip(one.orientation, other.orientation, strict=True)))
     cosine = turned / (hypot(*one.orientation) * hypot(*other.orientation))
     angle_rad = 2.0 * acos(min(cosine, 1.0))
@@ -43,7 +43,7 @@ def interpolate_poses(one: XRPose, other: XRPose, share: float) -> XRPose:
 
 
 class PoseFilter:
-    """Filters the pose of the head or a hand. ``deviates``: the filtered pose differs from the tracked pose."""
+    """Filters the pose of the head or a hand. ``deviates``: whether the filtered pose differs from the tracked pose."""
 
     def __init__(self) -> None:
         self.deviates = False
@@ -54,7 +54,7 @@ class PoseFilter:
     def update(self, tracked: XRPose, captured_s: float, now_s: float, *, may_repeat: bool = False) -> None:
         """Add the pose of a new frame. Its capture time is never after ``now_s``.
 
-        An identical pose is a new measurement only with ``may_repeat``.
+        ``may_repeat``: whether an identical pose is a new measurement.
         """
         measured = may_repeat or tracked != self._tracked
         if self._tracked is not None:

@@ -22,18 +22,19 @@ SAMPLES_PER_WINDOW = 11
 """Number of samples in one second, including both ends."""
 STEADY_HEAD_RANGE_M = 0.03
 SLIDING_THRESHOLD_M = 0.02
-"""Distance between the head at rest and the simulated head above which the participant has slid."""
+"""Distance in metres between the tracked head at rest and the simulated head above which the participant has slid."""
 MAX_SEATED_SHIFT_M = 0.6
 MAX_HEAD_RISE_M = 0.1
-"""Maximum distance and maximum height of the head relative to its rest position. Beyond them, the participant has left
-the seat."""
+"""Maximum distance and maximum height of the head relative to its rest position, in metres. Above these limits, the
+participant has left the seat."""
 SEAT_SPEED_M_S = 0.05
 """Speed of the virtual seat and room. It is low, because the participant sees the motion of the whole scene."""
 
 
 @dataclass(frozen=True)
 class SeatMotion:
-    """A motion of the participant's floor in the world at constant speed: shift (3,) and duration."""
+    """A motion of the participant's floor in the world at constant speed: shift (3,) in metres and duration in
+    seconds."""
 
     shift_w: FloatArray
     duration_s: float
@@ -68,11 +69,11 @@ class SlidingMonitor:
         return self._glide(head)
 
     def reset(self) -> None:
-        """Delete all samples."""
+        """Delete all samples of the head's position."""
         self._seen.clear()
 
     def head_centre_w(self, joint_angles_rad: FloatArray) -> FloatArray:
-        """Returns the head's centre (3,) for joint angles (20,)."""
+        """Returns the head's centre (3,), in metres in the world frame, for joint angles (20,) in radians."""
         waist, head = (
             joint_angles_rad[WAIST_JOINT_INDICES].tolist(),
             joint_angles_rad[HEAD_JOINT_INDICES].tolist(),

@@ -2,8 +2,8 @@
 
 The estimates of two devices for the same hand differ by some centimetres and tens of degrees. A resting hand must not
 move at a switch. The pose of every hand is therefore converted to a grip pose. After a switch, the new device's poses
-are corrected by the difference of both estimates. While the hand moves, the correction decreases, too slowly to be
-noticed.
+are corrected by the difference of both estimates. While the hand moves, the correction decreases. The decrease is too
+slow to be noticed.
 
 ``client/src/tracking/modality-switch.ts`` implements the same rule for the arms that the client draws.
 """
@@ -21,15 +21,16 @@ from avrgym.vr.protocol.messages import Modality, Tracking, XRPose
 from avrgym.vr.protocol.webxr import grip_from_wrist
 
 MAX_DEVICE_OFFSET_M, MAX_DEVICE_OFFSET_RAD = 0.15, float(np.radians(75.0))
-"""Maximum difference between two devices that track the same resting hand."""
+"""Maximum position and rotation difference between two devices that track the same resting hand."""
 MAX_SWITCH_GAP_S = 2.0
-"""Maximum time after the old device's last pose for which a resting hand is assumed not to have moved."""
+"""Maximum time in seconds between the last pose of the old device and the first pose of the new device. Within this
+time, a resting hand is assumed not to move."""
 MAX_REST_DISPLACEMENT_M = 0.02
-"""Maximum displacement of a hand at rest."""
+"""Maximum displacement in metres of a hand that is considered at rest."""
 CORRECTION_DECAY_PER_M = 0.1
 """Decrease of the correction, in metres, per metre of the hand's motion."""
 CHARACTERISTIC_LENGTH_M = 0.15
-"""Length that converts a rotation (rad) to a displacement (m)."""
+"""Length in metres: a rotation in radians times this length is treated as a displacement in metres."""
 
 
 @dataclass(frozen=True)
@@ -46,18 +47,19 @@ class GripCorrection:
 
     @property
     def angle_rad(self) -> float:
-        """The rotation angle of the correction."""
+        """The rotation angle of the correction in radians."""
         return float(np.linalg.norm(self.rotation_rad))
 
     @property
     def is_plausible(self) -> bool:
-        """Whether two devices that track the same hand can have this difference."""
+        """Whether the correction is within the maximum difference of two devices that track the same hand."""
         return (
             float(np.linalg.norm(self.pos)) <= MAX_DEVICE_OFFSET_M and self.angle_rad <= MAX_DEVICE_OFFSET_RAD
         )
 
     def after_motion(self, way_m: float) -> "GripCorrection | None":
-        """Returns the remaining correction after the hand has moved by ``way_m``; ``None`` if nothing remains."""
+        """Returns the remaining correction after the hand has moved by ``way_m`` metres; ``None`` if the correction is
+        zero."""
         left = 1.0 - CORRECTION_DECAY_PER_M * way_m / self.size_m if self.size_m > 0.0 else 0.0
         return GripCorrection(left * self.pos, left * self.rotation_rad) if left > 0.0 else None
 
@@ -138,7 +140,7 @@ def _grip(hand: HandDevice, pose: XRPose | None, modality: Modality, captured_s:
 
 
 def _held(modality: Modality) -> Modality:
-    """Returns the modality of a hand whose pose has been converted to a grip pose."""
+    """Returns the modality of a hand after its pose was converted to a grip pose: a bare hand becomes a controller."""
     return "controller" if modality == "hand" else modality
 
 

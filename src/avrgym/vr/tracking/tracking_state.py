@@ -27,10 +27,11 @@ class TrackingUpdate:
     """Tracking in one tick: frames that arrived, the newest frame, and changes.
 
     ``arrived_frames``: the frames that arrived since the previous tick. ``newest_frame``: the newest usable frame;
-    ``None`` before the first frame, and while this frame is stale. ``is_stale``: the newest frame is stale.
-    ``deviating_parts``: parts of the body that jumped and are not at their tracked poses. ``untracked_parts``: all
+    ``None`` before the first frame, and while this frame is stale. ``is_stale``: whether the newest frame is stale.
+    ``deviating_parts``: parts of the body that are not at their tracked poses after a jump. ``untracked_parts``: all
     parts with stale poses. ``lost_parts``: the parts among them that the task needs. ``deviating_parts_before`` and
-    ``lost_parts_before``: the values of the previous tick. ``target_pose``: the target pose of the body, if any.
+    ``lost_parts_before``: the values of the previous tick. ``target_pose``: the target pose of the body; ``None`` if
+    the body does not follow.
     """
 
     arrived_frames: Sequence[ReceivedFrame]
@@ -68,7 +69,7 @@ class TrackingState:
         self._glide: SeatMotion | None = None
 
     def add_frame(self, tracking: messages.Tracking, now_s: float) -> ReceivedFrame:
-        """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
+        """Add a frame that arrives now. Returns the frame with its times, and whether it is usable."""
         return self._feed.add(tracking, now_s)
 
     def pop_arrived_frames(self) -> list[ReceivedFrame]:
@@ -76,12 +77,12 @@ class TrackingState:
         return self._feed.pop_arrived_frames()
 
     def newest_frame_age_s(self, now_s: float) -> float | None:
-        """Returns the age of the newest usable frame; ``None`` before the first."""
+        """Returns the age of the newest usable frame in seconds; ``None`` before the first usable frame."""
         newest = self._feed.newest_frame
         return None if newest is None else now_s - newest.received_s
 
     def part_pose_age_s(self, part: TrackedBodyPart, now_s: float) -> float:
-        """Returns the time since a part's latest measurement; infinite without one."""
+        """Returns the time in seconds since a part's latest measurement; infinite without a measurement."""
         return self._feed.measurement_times.pose_age_s(part, now_s)
 
     @property
@@ -112,7 +113,7 @@ class TrackingState:
     ) -> None:
         """Determine the registration from the headset's pose of a participant who rests on the seat or bed.
 
-        With a headrest of the real ``furniture``, the head is in front of its usual place on the virtual seat.
+        If the real ``furniture`` has a headrest, the head is in front of its usual place on the virtual seat.
         """
         self._resting, self._posture = head, posture
         self._forward_m = furniture.head_forward_m(posture)
@@ -135,7 +136,11 @@ class TrackingState:
         return self._feed.steady_headset_pose(now_s)
 
     def controller_position(self, now_s: float) -> tuple[float, float, float] | None:
-        """Returns the position of the tracked controller in ``local-floor``, the right one first; ``None`` without."""
+        """Returns the position of a tracked controller in metres in ``local-floor``; ``None`` if no controller is
+        tracked.
+
+        If both controllers are tracked, the right controller is used.
+        """
         newest = self._feed.newest_frame
         if newest is None or self._feed.is_stale(now_s):
             return None
@@ -190,7 +195,8 @@ class TrackingState:
         return messages.Placed(there.xr_from_world(), self._glide.duration_s)
 
     def move_seat(self, joint_angles_rad: FloatArray) -> SeatMotion | None:
-        """Move the seat after a participant has slid, by one tick's share. Call it once per tick, after ``update``.
+        """After a participant has slid, move the seat by the distance for one tick. Call it once per tick, after
+        ``update``.
 
         ``joint_angles_rad`` (20,) are the body's targets. Returns the motion in the tick in which it starts.
         """
@@ -215,7 +221,7 @@ class TrackingState:
         return self._glide
 
     def _go_on(self, glide: SeatMotion) -> None:
-        """Move the participant's floor by one tick of the remaining shift."""
+        """Move the participant's floor by the distance for one tick, and reduce the remaining shift."""
         assert self.registration is not None
         assert self._resting is not None
         share = min(TICK_S / glide.duration_s, 1.0)
@@ -244,7 +250,8 @@ class TrackingState:
         return self._pose
 
     def _ignore(self, profile: InputProfile) -> None:
-        """Store the arms whose tracking is ignored in this tick."""
+        """Store the arms with ignored tracking. ``profile`` does not use them, and they rest, are absent or
+        untracked."""
         never: set[Side] = {*profile.resting_arms, *profile.absent_arms}
         unused = frozenset(ARMS).difference(profile.tracked_arms)
         ignored = unused.intersection(never.union(self.untracked_parts))

@@ -1,8 +1,8 @@
 """The phases of a session: texts, reactions to messages and ticks, and transitions.
 
-Most methods return the next phase. Those of the base class ``Phase`` return the same phase. A subclass overrides a
-method to add a transition. The return annotation lists all possible next phases. The transitions form cycles.
-Therefore the modules import each other through this package.
+Most methods return the next phase. The methods of the base class ``Phase`` return the same phase. A subclass overrides
+a method to add a transition. The return annotation lists all possible next phases. The transitions form cycles. The
+modules therefore import each other through this package.
 """
 
 from avrgym.vr.protocol.messages import PhaseName
@@ -54,7 +54,7 @@ PhaseAtTrialStart = (
     | FreeMovementBeforeTrial
     | SessionFinished
 )
-"""Phases that may follow when a trial is to start."""
+"""Phases that may follow when the next trial is due."""
 PhaseAtSessionEnd = SessionFinished | RecordingFailed
 """Phases that may follow a request to end the session. If the robot has finished, the trial is completed first."""
 PhaseAfterRobot = PhaseAtTrialStart | SessionFinished | TrialQuestionnaire
@@ -77,5 +77,5 @@ PHASES: tuple[type[Phase], ...] = (
 
 
 def phase_names_with(flag: str) -> list[PhaseName]:
-    """Returns the names of the phases in which this attribute is true."""
+    """Returns the names of the phases in which the attribute ``flag`` is true."""
     return list(dict.fromkeys(phase.name for phase in PHASES if getattr(phase, flag)))

@@ -23,7 +23,7 @@ def arm_text_key(key: str, state: SessionState) -> str:
 
 
 class OngoingPhase(Phase):
-    """Base class of all phases except the last."""
+    """Base class of all phases except the last phase of a session."""
 
     def enter_vr(self) -> phases.PhaseAfterEntering:
         state = self.state
@@ -73,13 +73,14 @@ class OngoingPhase(Phase):
         return phases.Calibration(self.state) if in_place else phases.LoadingCalibration(self.state)
 
     def _next_trial(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
-        """Continue with the next trial, or finish after the last."""
+        """Continue with the next trial. After the last trial, finish the session."""
         self.state.trial_index = self.state.next_trial_index
         more = self.state.trial_index < len(self.state.plan.trials)
         return self._begin_trial() if more else self._finish("finished")
 
     def _begin_trial(self) -> phases.PhaseAtTrialStart:
-        """Start the next attempt if all conditions are met. Otherwise returns the phase that waits for the missing one.
+        """Start the next attempt if all conditions are met. Otherwise return the phase that waits for the missing
+        condition.
 
         The previous trial must be stored, and the world built. No break may be due, and the session may not be paused.
         The participant must be calibrated, ready and tracked, and must see the scene.
@@ -128,14 +129,14 @@ class OngoingPhase(Phase):
 
 
 class VrPhase(OngoingPhase):
-    """The participant is in VR."""
+    """Base class of phases in which the participant is in VR."""
 
     def on_origin_reset(self) -> phases.PhaseAfterEntering:
         return self.enter_vr()
 
 
 class LocatedPhase(VrPhase):
-    """The participant's position and direction are known, so a trial can start."""
+    """Base class of phases with known position and direction of the participant. A trial can start."""
 
     participant_located = True
 
@@ -161,7 +162,10 @@ class LocatedPhase(VrPhase):
 
 
 class RobotFinishedPhase(LocatedPhase):
-    """The robot has finished, so the trial is valid. After an absence, the participant answers the open questions."""
+    """Base class of phases after the robot has finished. The trial is valid.
+
+    A participant who leaves and returns answers the open questions.
+    """
 
     robot_finished = True
 
@@ -222,7 +226,7 @@ class RobotFinishedPhase(LocatedPhase):
         return [item.id for item in self.state.plan.questionnaire_after(self.state.current_trial)]
 
     def _continue_without_participant(self, why: ParticipantText) -> phases.PhaseAfterRobot:
-        """Close the recording. On return, the participant answers the open questions and is then calibrated again."""
+        """Close the recording. After the return, the participant answers the open questions and is calibrated again."""
         self.state.absence_text = why
         failure = self.state.complete_attempt()
         if failure is not None:
@@ -231,7 +235,7 @@ class RobotFinishedPhase(LocatedPhase):
         return self._ask()
 
     def _ask(self) -> phases.PhaseAfterRobot:
-        """Start the questionnaire of the trial, or continue without one."""
+        """Start the questionnaire of the trial. Without a questionnaire, complete the trial."""
         items = self.state.plan.questionnaire_after(self.state.current_trial)
         return (
             phases.TrialQuestionnaire(self.state, QuestionSequence(items))
@@ -241,7 +245,7 @@ class RobotFinishedPhase(LocatedPhase):
 
 
 class QuestionnairePhase(LocatedPhase):
-    """The participant answers questions, one after another."""
+    """Base class of phases in which the participant answers questions, one after another."""
 
     _questions: QuestionSequence
 
@@ -256,7 +260,8 @@ class QuestionnairePhase(LocatedPhase):
         return self
 
     def _take(self, answer: messages.Answer) -> Answer | None:
-        """Store and return the answer to the current question. Rejects an invalid answer and returns ``None``."""
+        """Store and return the answer to the current question. For an invalid answer, report a problem and return
+        ``None``."""
         try:
             return self._questions.store_answer(answer)
         except ValueError as error:
@@ -272,7 +277,7 @@ class QuestionnairePhase(LocatedPhase):
 
 
 class BetweenTrialsPhase(LocatedPhase):
-    """No trial runs. The participant may start a trial or change their body."""
+    """Base class of phases between trials. The participant may start a trial or change their body."""
 
     awaits_ready = can_recalibrate = can_choose_body = True
 
@@ -308,7 +313,7 @@ class BetweenTrialsPhase(LocatedPhase):
 
 
 class StoppablePhase(LocatedPhase):
-    """A trial runs, and the robot moves or is about to move."""
+    """Base class of phases in which a trial runs, and the robot moves or is about to move."""
 
     moves = can_be_stopped = True
 
@@ -334,7 +339,7 @@ class StoppablePhase(LocatedPhase):
     def _interrupt_attempt(
         self, result: AttemptEnd, event: events.SessionEvent, message: ParticipantText
     ) -> phases.SessionPaused:
-        """Stop the robot and end the attempt. The participant's trigger repeats the trial."""
+        """Stop the robot and end the attempt. The participant repeats the trial with the trigger."""
         self.state.abandon_attempt(result)
         self.state.event_sink.report(event)
         self.state.trial_worlds.prepare(self.state.trial_index, self.state.person)

@@ -14,7 +14,7 @@ from avrgym.vr.session.state import SessionState
 
 
 class Break(BetweenTrialsPhase):
-    """The participant takes a break, with or without the headset. The trigger ends it."""
+    """The participant takes a break, with or without the headset. The trigger ends the break."""
 
     name = "break"
     message = ParticipantText("take_break")
@@ -33,12 +33,12 @@ class Break(BetweenTrialsPhase):
 
     @property
     def can_prefer(self) -> bool:
-        """Preferences are changed after the break."""
+        """Returns false: the participant may change preferences only after the break."""
         return False
 
 
 class BreakQuestionnaire(QuestionnairePhase):
-    """The participant answers the questions after a break. The answers are stored after the last one."""
+    """The participant answers the questions after a break. All answers are stored after the last answer."""
 
     name = "questionnaire"
     message = ParticipantText("questionnaire")
@@ -64,6 +64,6 @@ class BreakQuestionnaire(QuestionnairePhase):
         return self._begin_trial()
 
     def skip(self) -> phases.PhaseAtTrialStart:
-        """Continue without the answers."""
+        """Continue with the next trial. The answers are not stored."""
         self.state.headset_time.break_questions_due = False
         return self._begin_trial()

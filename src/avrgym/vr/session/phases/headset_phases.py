@@ -46,7 +46,7 @@ class HeadsetCheckPhase(VrPhase):
     def on_tracking(self, tracking: messages.Tracking) -> None:
         """Add a tracking frame. The first usable frame determines the participant's position.
 
-        The client then renders the scene with the same effort as in a trial.
+        When the position is known, the client renders the scene with the same workload as in a trial.
         """
         self.state.locate_participant(tracking)
 
@@ -61,7 +61,8 @@ class HeadsetCheckPhase(VrPhase):
         return self._calibrate_again()
 
     def _ask_senses(self) -> FeedbackTest | HeadsetCheckResult:
-        """Returns the phase that asks about haptics and sound, if the plan has them; otherwise the result."""
+        """Returns the phase with questions about haptics and sound; without such feedback in the plan, the phase with
+        the result."""
         plan = self.state.plan
         asked = [HAPTICS_ITEM] * (plan.haptics and self._measurement.has_controller) + [
             SOUND_ITEM
@@ -89,7 +90,7 @@ class HeadsetCheckStart(HeadsetCheckPhase):
 
 
 class HeadsetMeasurementPhase(HeadsetCheckPhase, ABC):
-    """Base class of phases that measure for a limited time."""
+    """Base class of the phases of the headset check that measure for a limited time."""
 
     name = "headset_check"
     at_rest = arms_stretched = False
@@ -112,7 +113,7 @@ class HeadsetMeasurementPhase(HeadsetCheckPhase, ABC):
 
 
 class JitterMeasurement(HeadsetMeasurementPhase):
-    """Measures the jitter of tracking."""
+    """Measures the jitter of head and hands while the participant rests."""
 
     message = ParticipantText("headset_at_rest")
     at_rest = True
@@ -130,7 +131,7 @@ class JitterMeasurement(HeadsetMeasurementPhase):
 
 
 class HandRangeMeasurement(HeadsetMeasurementPhase):
-    """Measures the range of hand tracking."""
+    """Measures the range of hand tracking while the participant stretches the arms."""
 
     arms_stretched = True
 
@@ -144,7 +145,7 @@ class HandRangeMeasurement(HeadsetMeasurementPhase):
 
 
 class DroppedFrameMeasurement(HeadsetMeasurementPhase):
-    """Measures dropped frames during motion."""
+    """Measures the share of dropped frames while the participant moves."""
 
     message = ParticipantText("headset_moving")
 
@@ -157,7 +158,7 @@ class DroppedFrameMeasurement(HeadsetMeasurementPhase):
 
 
 class EmergencyStopTest(HeadsetCheckPhase):
-    """The participant tests the emergency stop."""
+    """The participant tests the emergency stop within a time limit."""
 
     name = "headset_stop"
     message = ParticipantText("headset_stop")
@@ -171,7 +172,7 @@ class EmergencyStopTest(HeadsetCheckPhase):
     def stop(
         self, by: events.Initiator, method: messages.StopMethod | None = None
     ) -> FeedbackTest | HeadsetCheckResult | Self:
-        """Store the participant's test stop and continue.
+        """Store the participant's test stop and continue with the next phase.
 
         A stop by the experimenter is accepted only if the participant's input profile contains it.
         """
@@ -208,7 +209,7 @@ class FeedbackTest(HeadsetCheckPhase):
         return self._questions.current_question()
 
     def poll(self) -> Self:
-        """Repeat haptics or sound until the answer."""
+        """Repeat haptics or sound until the participant answers."""
         now_s, buzzes = (
             self.state.now_s,
             len(self._answers) < len(self._asked) and self._is_current(HAPTICS_ITEM),
@@ -239,7 +240,7 @@ class FeedbackTest(HeadsetCheckPhase):
 
 
 class HeadsetCheckResult(HeadsetCheckPhase):
-    """Shows whether the headset passed the check. If not, shows what to do."""
+    """Shows the result of the headset check. For each fault, the text contains a remedy."""
 
     name = "headset"
     awaits_ready = True

@@ -1,4 +1,4 @@
-"""The phases without a time limit in which the robot does not move."""
+"""The phases in which the robot does not move and no time limit applies: pause, failed recording, end."""
 
 from __future__ import annotations
 

@@ -16,14 +16,15 @@ from avrgym.vr.session.state import SessionState
 
 
 class Phase:
-    """One phase of a session. ``message``: the text for the participant. ``time_limit_s``: duration; ``None`` is
-    unlimited.
+    """Base class of all phases of a session.
 
-    ``moves``: the participant or the robot moves in this phase. ``can_be_stopped``: the robot moves or is about to
-    move, and an emergency stop stops it. ``robot_finished``: the robot has finished, and the trial is valid.
-    ``participant_located``: the participant's position and direction are known, so a trial can start. ``awaits_ready``:
-    the trigger continues. ``can_recalibrate``: the participant may be calibrated again. ``can_choose_body``: the body
-    can be changed, because no trial runs.
+    ``message``: the text for the participant. ``time_limit_s``: maximum duration in seconds; ``None`` is unlimited.
+
+    ``moves``: whether the participant or the robot moves in this phase. ``can_be_stopped``: whether an emergency stop
+    has an effect in this phase. ``robot_finished``: whether the robot has finished; the trial is then valid.
+    ``participant_located``: whether the participant's position and direction are known; a trial can then start.
+    ``awaits_ready``: whether the trigger starts the next phase. ``can_recalibrate``: whether the participant may be
+    calibrated again. ``can_choose_body``: whether the body can be changed.
     """
 
     name: ClassVar[PhaseName]
@@ -60,7 +61,7 @@ class Phase:
         self.state.tracking.add_frame(tracking, self.state.now_s)
 
     def on_latency(self, latency: messages.Latency) -> None:
-        """Record the latencies of the last second."""
+        """Record the latencies of the last second, from tracking to display."""
         self.state.record_latency(latency)
 
     def on_headset_frames(self, drawn: messages.HeadsetFrames) -> None:
@@ -88,7 +89,7 @@ class Phase:
         return self._refuse("nothing_to_begin")
 
     def recalibrate(self) -> Phase:
-        """Handle the participant's report that body or seat does not fit. Returns the next phase."""
+        """Handle the participant's report that the virtual body or seat does not fit. Returns the next phase."""
         return self._refuse("measured_between_trials")
 
     def request_break(self, by: events.Initiator) -> Phase:
@@ -97,7 +98,7 @@ class Phase:
         return self._refuse("break_follows", by)
 
     def change_preferences(self) -> Phase:
-        """Starts the questions about the participant's preferences for the robot. Returns the next phase."""
+        """Handle a request for the questions about preferences for the robot. Returns the next phase."""
         return self._refuse("no_preferences")
 
     def answer(self, answer: messages.Answer) -> Phase:
@@ -105,37 +106,37 @@ class Phase:
         return self._refuse("no_question")
 
     def go_back(self) -> Phase:
-        """Go back to the previous question, to change its answer. Returns the next phase."""
+        """Handle a request for the previous question, to change its answer. Returns the next phase."""
         return self._refuse("no_way_back")
 
     def command_robot(self, command: CommandName, source: CommandSource) -> None:
-        """Handle a command to the robot, except ``stop``."""
+        """Handle a command of a participant to the robot, except ``stop``."""
         self.state.ignore_command(command, source, "no trial runs")
 
     # Messages of participant or experimenter ------------------------------------------------------------------------
 
     def stop(self, by: events.Initiator, method: StopMethod | None = None) -> Phase:
-        """Stop the robot immediately (emergency stop). The running trial may be repeated.
+        """Handle an emergency stop. If the robot moves, it stops immediately, and the trial may be repeated.
 
         ``method`` is the participant's stop method.
         """
         return self._refuse("holds_already", by)
 
     def choose_body(self, choice: messages.ChooseBody, by: events.Initiator) -> Phase:
-        """Change the participant's body."""
+        """Handle a request to change the participant's body. Returns the next phase."""
         return self._refuse("body_between_trials", by)
 
     # Commands of the experimenter ----------------------------------------------------------------------------------
 
     def pause(self) -> Phase:
-        """Prevent trials until ``resume``. This interrupts a running trial, which is repeated later."""
+        """Prevent trials until ``resume`` is called. A running trial is interrupted and repeated later."""
         if not self.state.is_paused:
             self.state.is_paused = True
             self.state.event_sink.report(events.Paused(self.state.now_s))
         return self
 
     def resume(self) -> Phase:
-        """Allow trials again."""
+        """End the pause of the experimenter or of a stop rule: trials may start again."""
         if not self.state.is_paused:
             return self._report("the session is not paused")
         self.state.is_paused, self.state.pause_reason = False, ""
@@ -143,19 +144,19 @@ class Phase:
         return self
 
     def repeat(self) -> Phase:
-        """Start a new attempt at the current trial."""
+        """Handle the experimenter's request for a new attempt at the current trial. Returns the next phase."""
         return self._refuse_out_of_place()
 
     def skip(self) -> Phase:
-        """Skip the current trial."""
+        """Handle the experimenter's request to skip the current trial. Returns the next phase."""
         return self._refuse_out_of_place()
 
     def repeat_calibration(self) -> Phase:
-        """Calibrate the participant again."""
+        """Handle the experimenter's request for a new calibration. Returns the next phase."""
         return self._refuse_out_of_place()
 
     def correct_torso_height(self, torso_height_m: float) -> Phase:
-        """Set the torso height of the participant's body. This interrupts a running trial."""
+        """Set the torso height of the participant's body in metres. This interrupts a running trial."""
         self.state.correct_torso_height(torso_height_m)
         return self
 
@@ -166,10 +167,10 @@ class Phase:
         """Move the robot's tool with the demonstrator's controller, if the driver is an operator."""
 
     def demonstrator_left(self) -> None:
-        """Handle the loss of the demonstrator's connection: the robot that they drive holds its position."""
+        """Handle the loss of the demonstrator's connection: a robot that the demonstrator drives holds its position."""
 
     def end(self) -> Phase:
-        """End the session."""
+        """Handle the experimenter's request to end the session. Returns the next phase."""
         return self._report("the session is finished")
 
     # Called in each tick, in this order -----------------------------------------------------------------------
@@ -202,7 +203,7 @@ class Phase:
         return self
 
     def on_trial_stored(self) -> Phase:
-        """Handles that a completed trial is stored. Returns the next phase."""
+        """Called when a completed trial is stored. Returns the next phase."""
         return self
 
     def poll(self) -> Phase:
@@ -216,7 +217,7 @@ class Phase:
     # -------------------------------------------------------------------------------------------------------------
 
     def _refuse(self, key: str, by: events.Initiator = "participant") -> Self:
-        """Reject a request, and show the text ``key`` to its sender."""
+        """Reject a request, and show the text with this ``key`` to the sender ``by``."""
         if by == "participant":
             self.state.explain_rejection(ParticipantText(key))
         else:

@@ -30,11 +30,11 @@ from avrgym.vr.tracking.frames import body_pose
 
 _PUT_ON = ParticipantText("waiting")
 REACH_POSE_DURATION_S, MAX_REACH_FRAMES = 5.0, 60
-"""Duration of each pose with stretched arms, in seconds. Only this number of its last frames is used."""
+"""Duration in seconds of each pose with stretched arms, and maximum number of frames: only the last frames are used."""
 
 
 class WaitingForParticipant(OngoingPhase):
-    """The participant is not in VR."""
+    """The participant is not in VR. The session continues when the participant enters VR."""
 
     name = "waiting"
     can_choose_body = True
@@ -49,7 +49,7 @@ class WaitingForParticipant(OngoingPhase):
 
 
 class Calibration(VrPhase):
-    """The participant rests in the seat or bed and presses the trigger. This measures their torso height."""
+    """The participant rests in the seat or bed and presses the trigger. The torso height is then measured."""
 
     name = "calibration"
     awaits_ready = can_choose_body = True
@@ -129,12 +129,13 @@ class ReachMeasurement(VrPhase, ABC):
 
     @property
     def _all_m(self) -> tuple[float, ...]:
-        """The wrist's distance from the shoulder in each pose until now; empty if the current pose was not tracked."""
+        """Distances in metres of the wrist from the shoulder, one for each pose until now; empty if the current pose
+        was not tracked."""
         return (*self._reached_m, median(self._seen_m)) if self._seen_m else ()
 
 
 class ReachForward(ReachMeasurement):
-    """The arms are stretched to the front."""
+    """The participant stretches the arms to the front."""
 
     pose_text_key = "reach_ahead"
 
@@ -146,7 +147,7 @@ class ReachForward(ReachMeasurement):
 
 
 class ReachSideways(ReachMeasurement):
-    """The arms are stretched out to the sides."""
+    """The participant stretches the arms to the sides."""
 
     pose_text_key = "reach_aside"
 
@@ -164,7 +165,7 @@ class ReachSideways(ReachMeasurement):
 
 
 class LoadingPhase(VrPhase, ABC):
-    """The current trial's world is being built and shown."""
+    """Base class of phases in which the current trial's world is built and shown."""
 
     name = "loading"
     message = ParticipantText("loading")
@@ -217,7 +218,7 @@ class LoadingBodyCheck(LoadingPhase):
 
 
 class StoringTrial(VrPhase):
-    """A completed trial is being stored."""
+    """The session waits until a completed trial is stored."""
 
     name = "loading"
     message = ParticipantText("storing")
@@ -227,7 +228,7 @@ class StoringTrial(VrPhase):
 
 
 class BodyCheck(BetweenTrialsPhase):
-    """The participant checks whether the virtual body and seat fit the real ones."""
+    """The participant checks whether the virtual body and seat fit the real body and seat."""
 
     name = "check"
     message = ParticipantText("check")
@@ -278,14 +279,15 @@ class PreferenceQuestionnaire(QuestionnairePhase):
         return self._begin_trial()
 
     def skip(self) -> phases.PhaseAtTrialStart:
-        """Continue without a change."""
+        """Continue with the next trial, without a change of preferences."""
         return self._begin_trial()
 
 
 def trial_text(key: str, state: SessionState, *, with_preferences: bool = False) -> ParticipantText:
     """Returns the text about the next trial: its number and its task.
 
-    ``with_preferences``: also how the robot behaves in this trial, if the participant can influence it.
+    ``with_preferences``: whether to add the participant's preferences in this trial, if the trial has commands or
+    preferences.
     """
     plan, trial = state.plan, state.current_trial
     goal = plan.goal_text(trial)

@@ -50,7 +50,7 @@ class Countdown(StoppablePhase):
 
 
 class RunningTrial(StoppablePhase):
-    """The robot moves."""
+    """The robot moves. A policy or an operator drives it."""
 
     name = "trial"
     message = ParticipantText("helping")
@@ -86,7 +86,7 @@ class RunningTrial(StoppablePhase):
             self.state.send(messages.Problem(problem, receiver))
 
     def _refuse_without_operator(self, role: messages.OperatorRole, *, engaged: bool) -> None:
-        """Report once per attempt to drive that a policy drives."""
+        """Report that a policy drives the robot, once for each series of commands of an operator."""
         if engaged and role not in self._refused_roles:
             self._refuse_driver("in this trial no operator drives the robot", role)
         (self._refused_roles.add if engaged else self._refused_roles.discard)(role)
