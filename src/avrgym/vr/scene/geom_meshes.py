@@ -25,7 +25,7 @@ SIMPLIFICATION_AGGRESSION = 3
 WELD_DECIMALS = 5
 """Vertices are merged if their coordinates, rounded to this number of decimals in metres, are equal."""
 SMOOTHING_ANGLE_RAD = np.radians(35.0)
-"""Edges between faces at a smaller angle are shaded smoothly."""
+"""If the angle between two faces is smaller, their edge is shaded smoothly."""
 _simplified_meshes: dict[tuple[bytes, float], trimesh.Trimesh] = {}
 
 
