@@ -65,6 +65,8 @@ def plan_trials(
 ) -> tuple[PlannedTrial, ...]:
     """Returns all trials of a participant: for each task, a practice trial, then the task's trials.
 
+    ``cell``: index of the participant's trial order. ``participant``: participant number. ``site``: name of the site.
+
     Practice robots and trial seeds differ between participants; both depend on the design's seed.
     """
     rng = random_streams.trial_seed_generator(design.seed, participant, site)

@@ -107,8 +107,9 @@ MISSING_VALUE = object()
 
 
 def differences(a: Any, b: Any, place: ValuePath = ()) -> Iterator[tuple[ValuePath, Any, Any]]:
-    """Yields each difference between two values: its key path, and both values; a missing value is
-    ``MISSING_VALUE``.
+    """Yields each difference between two values: its key path, the value in ``a`` and the value in ``b``.
+
+    A missing value is ``MISSING_VALUE``. ``place``: key path of ``a`` and ``b``, which begins each result.
     """
     if is_table(a) and is_table(b):
         for name in dict.fromkeys([*a, *b]):

@@ -42,7 +42,7 @@ def williams_square(size: int) -> IntArray:
 
 
 def balanced_orders(tasks: int, conditions: int, rng: np.random.Generator) -> tuple[TrialOrder, ...]:
-    """Returns the balanced orders of blocks. A cell of the design is the index of an order.
+    """Returns balanced trial orders for these numbers of tasks and conditions. A *cell* is the index of an order.
 
     Over all cells, the order of tasks is balanced as in a Williams square. The order of conditions is balanced in the
     same way: over the blocks of each task, and over the blocks at each place.

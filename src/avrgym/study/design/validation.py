@@ -24,19 +24,19 @@ class ValidationError(Exception):
 
 
 def check_known_name(place: ValuePath, name: str, allowed: Iterable[str]) -> None:
-    """Raises ``ValidationError`` if the name is not in ``allowed``."""
+    """Raises ``ValidationError`` if the name is not in ``allowed``. ``place``: key path of the name in the file."""
     if name not in (names := list(allowed)):
         raise ValidationError(place, f"unknown name {name!r}; allowed: {', '.join(names)}")
 
 
 def check_allowed_value(place: ValuePath, value: str, allowed: tuple[str, ...]) -> None:
-    """Raises ``ValidationError`` if the value is not in ``allowed``."""
+    """Raises ``ValidationError`` if the value is not in ``allowed``. ``place``: key path of the value in the file."""
     if value not in allowed:
         raise ValidationError(place, f"unknown value {value!r}; allowed: {', '.join(allowed)}")
 
 
 def check_unique_names(place: ValuePath, names: tuple[str, ...]) -> None:
-    """Raises ``ValidationError`` if a name occurs twice."""
+    """Raises ``ValidationError`` if a name occurs twice. ``place``: key path of the names in the file."""
     for index, name in enumerate(names):
         if name in names[:index]:
             raise ValidationError((*place, index), f"{name!r} is listed twice; allowed: once")
@@ -56,7 +56,7 @@ def check_id(place: ValuePath, name: str, known: Container[str]) -> None:
 
 
 def check_keys(place: ValuePath, table: dict[str, Any], allowed: tuple[str, ...]) -> None:
-    """Raises ``ValidationError`` if the table has an unknown key."""
+    """Raises ``ValidationError`` if a table of the file has a key that is not in ``allowed``."""
     for key in table:
         check_known_name((*place, key), key, allowed)
 

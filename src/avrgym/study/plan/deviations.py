@@ -276,7 +276,7 @@ def _people(store: Store, record: FrozenPlanRecord) -> Iterator[Finding]:
 def _tests(
     record: FrozenPlanRecord, available_tests: AvailableTests, optional_tests: AvailableTests
 ) -> Iterator[Finding]:
-    """Yields findings about tests in the report without a plan, and about planned tests without a result."""
+    """Yields findings about unplanned tests in the report, and about planned tests without a result."""
     plan = record.parsed_plan()
     for test, measures in available_tests.items():
         unplanned = [measure for measure in measures if plan.plan_status(test, measure) == NOT_PLANNED]
