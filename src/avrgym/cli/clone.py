@@ -27,8 +27,8 @@ def clone(
 ) -> None:
     """Fit a recurrent policy to demonstrations (behaviour cloning).
 
-    Corrections of a policy count as much as all other demonstrations. The command needs the extras `train` and
-    `export`.
+    Corrections of a policy have the same total weight as all other demonstrations. Install `avrgym[train,export]`
+    first.
     """
     with report_errors():
         for module, extra in (("pyarrow", "export"), ("torch", "train")):

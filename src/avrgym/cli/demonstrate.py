@@ -76,7 +76,7 @@ def demonstrate(
 ) -> None:
     """Record demonstrations with simulated people.
 
-    You drive the robot in VR, or by keyboard or gamepad. With --policy you correct a policy.
+    You drive the robot in VR, or by keyboard or gamepad. With --policy, a policy drives, and you correct it.
 
     Each episode has another simulated person. Buttons start an episode, end it as a success, or discard it.
     """

@@ -395,8 +395,9 @@ def preferences(
 ) -> None:
     """Show or change a participant's preferences.
 
-    Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands, sources, and the thresholds
-    of gestures swing_deg, swings, gaze_deg and gaze_s. They apply in the conditions with preferences = true.
+    Preferences are speed, distance_m, side, bite_timing, pause_s, force_share, commands and sources. Thresholds of
+    gestures are swing_deg, swings, gaze_deg and gaze_s. All of them apply in conditions with preferences = true in
+    study.toml.
     """
     from avrgym.commands.preferences import Preferences, change_preferences, describe_preferences
     from avrgym.study.people.participants import participant_texts

@@ -90,7 +90,7 @@ DEFAULT_PREFERENCES = Preferences()
 def change_preferences(preferences: Preferences, changes: Sequence[str]) -> Preferences:
     """Returns preferences with changes from texts ``name=value``. Items of lists are separated by commas.
 
-    The names are those of ``Preferences`` and of ``GestureThresholds``.
+    Allowed names are the fields of ``Preferences`` and of ``GestureThresholds``.
 
     Raises:
         ValueError: for an unknown name, or a value that is not allowed.

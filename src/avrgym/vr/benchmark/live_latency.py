@@ -190,11 +190,12 @@ class _Times:
         loop.post = note
 
     def note_steering(self, message: messages.Steer) -> None:
-        """Stores that the session receives a steering message now."""
+        """Stores that the session receives a demonstrator's steering message now."""
         self.steer_pending.append(self._steer_numbers.pop(id(message)))
 
     def note_state(self, state: messages.State) -> None:
-        """Stores that a state is sent now."""
+        """Stores the current time for all tracking frames and steering messages that ``state`` is the first to
+        include."""
         now_s = time.monotonic()
         self.answered.setdefault(state.tracking_sequence, now_s)
         self.steer_answered |= dict.fromkeys(self.steer_pending, now_s)
@@ -249,8 +250,9 @@ RoundTrips = dict[int, tuple[float, float]]
 def _attend(server: LiveServer[Session], seconds: float, *, steered: bool) -> tuple[RoundTrips, list[float]]:
     """Runs the clients' processes until the trial ends.
 
-    Returns the round trips of the trial, and the times at which a demonstrator sent steering messages. ``steered``:
-    whether there is a demonstrator.
+    Returns the times of the trial's round trips, and the times at which a demonstrator sent steering messages.
+
+    ``steered``: whether a demonstrator steers the robot.
     """
     url, tokens = f"ws://127.0.0.1:{server.port}", server.tokens
     steering = (
@@ -278,7 +280,7 @@ def _start_client(run: Callable[..., None], *arguments: str) -> Generator[Connec
 
 
 def _receive_trips(server: LiveServer[Session], here: Connection, seconds: float) -> RoundTrips:
-    """Returns the round trips that the participant's process sends after the trial."""
+    """Returns the times of the round trips, which the participant's process sends after the trial."""
     try:
         if not here.poll(seconds + CLIENT_TIMEOUT_S):
             raise RuntimeError(

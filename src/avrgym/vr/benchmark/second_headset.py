@@ -11,16 +11,16 @@ from avrgym.vr.protocol import messages
 from avrgym.vr.protocol.messages import Steer, XRPose
 
 STEERING_HZ = 90.0
-"""Rate of the steering messages."""
+"""Number of steering messages per second."""
 CIRCLE_RADIUS_M, CIRCLE_HZ = 0.03, 0.3
-"""Radius and frequency of the circle on which the controller moves."""
+"""Radius in metres and frequency in Hz of the circle on which the controller moves."""
 LEVEL = 0.0, 0.0, 0.0, 1.0
 
 
 def run_demonstrator(url: str, token: str, results: Connection) -> None:
     """Main function of the demonstrator's process: steers until the trial ends.
 
-    Sends the times at which the steering messages were sent, in their order, to ``results``.
+    At the end, the times at which steering messages were sent are sent to ``results``, in order.
     """
     with connect(url, max_size=None) as socket:
         _send(socket, messages.Hello(messages.PROTOCOL_VERSION, token, "benchmark", emulated=True))

@@ -94,7 +94,7 @@ def _read(source: Path, row: dict[str, str]) -> Recording:
 
 
 def _interventions(recording: Recording) -> BoolArray:
-    """Returns a mask (T,) of the control steps in which an operator took over from the recording's policy."""
+    """Returns a boolean mask (T,): control steps in which an operator took over from the recording's policy."""
     policy = recording.configuration.policy
     steps = [control for _, control in recording.messages_by_topic["/control"]]
     return np.array(

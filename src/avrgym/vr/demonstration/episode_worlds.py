@@ -27,7 +27,7 @@ class DemonstrationPlan:
 
     ``people``: names of populations, used in turn. ``episodes``: number of episodes to record; ``None``: unlimited.
     ``steps``: maximum length of an episode in control steps. ``force_guard``: see ``safety.force_guard``. ``policy``:
-    name of a policy that drives the robot until the operator takes over; ``operator``: none.
+    name of a policy that drives the robot until the operator takes over; ``operator``: no policy drives.
     """
 
     environment: str

@@ -61,7 +61,7 @@ class DemonstrationSession:
                 episodes.
             send: receives all messages for clients.
             workers: builds the worlds.
-            driver: drives the robot; default: the operator alone. The policy of a ``CorrectedDriver`` is that of
+            driver: drives the robot; default: the operator alone. A ``CorrectedDriver`` must have the policy of
                 ``plan``.
             driven_by: name of the driver in the table; default: the role that drove last.
 
@@ -269,7 +269,7 @@ class DemonstrationSession:
             self._leave_world()
 
     def _record_policy_failure(self) -> None:
-        """Record and report when a failure of the policy begins or ends."""
+        """Record and report the start and the end of each failure of the policy."""
         failure = self._driver.failure_message
         if failure == self._failure_message:
             return

@@ -184,7 +184,7 @@ class EmulatedHeadset:
         )
 
     def look_at_button(self, value: int) -> None:
-        """Turn the head away from the panel until no button is highlighted, then look at the button of a value."""
+        """Turn the head away from the panel until no button is highlighted. Then look at the button with this value."""
         x, y, z = self._centre_of(value)
         self.call_emulator("lookAt", (x, y + 3.0, z))
         self.wait_for_frames(3)

@@ -22,13 +22,13 @@ and moves the hand back. The tool follows the hand only while the clutch is clos
 HAND_RETURN_DURATION_S = 0.5
 """Duration in seconds of this motion back, with an open clutch."""
 OBSERVATION_S = 1.5
-"""Time for which a demonstrator who corrects a policy observes the tool before a decision."""
+"""Time in seconds for which a demonstrator who corrects a policy observes the tool before a decision."""
 MIN_INTENDED_PATH_M = 0.02
-"""Length of the expert's path in this time below which the demonstrator does not take over."""
+"""Length in metres of the expert's path during the observation below which the demonstrator does not take over."""
 MIN_PROGRESS_SHARE = 0.25
-"""The demonstrator takes over if the tool moves less than this share of the expert's path."""
+"""The demonstrator takes over if the tool's path is shorter than this share (0 to 1) of the expert's path."""
 CORRECTION_DURATION_S = 3.0
-"""Time from a takeover to the release of the robot."""
+"""Time in seconds from a takeover to the release of the robot."""
 
 
 class SimulatedDemonstrator:

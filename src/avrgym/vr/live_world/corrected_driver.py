@@ -7,27 +7,28 @@ from avrgym.vr.live_world.drivers import OperatorDriver, RandomGenerators, make_
 from avrgym.vr.protocol.messages import OperatorRole
 
 RESUME_DELAY_S = 1.0
-"""Time from a release to the policy's next action. In this time an operator can open the clutch, move their hand back
-and close the clutch again."""
+"""Time in seconds from a release to the policy's next action. In this time, an operator can open the clutch, move the
+hand back and close the clutch again."""
 
 
 class CorrectedDriver(OperatorDriver):
     """Drives the robot with a policy, or with the commands of an operator who takes over.
 
-    The policy continues ``RESUME_DELAY_S`` after the operator releases the robot. After ``stop_robot`` the robot holds
-    its position until an operator drives and releases it, or until the next episode. The policy receives the
-    observations of all control steps: its memory stays valid.
+    The policy continues ``RESUME_DELAY_S`` seconds after the operator releases the robot. After ``stop_robot`` the
+    robot holds its position until an operator drives and releases it, or until the next episode. The policy receives
+    the observations of all control steps. Its memory therefore remains valid.
     """
 
     def __init__(self, policy: AnyPolicy, name: str, *, background: bool) -> None:
-        """Use a policy. ``name``: its name in recordings. ``background``: see ``make_driver``."""
+        """Create the driver of a policy. ``name``: the policy's name in recordings. ``background``: see
+        ``make_driver``."""
         super().__init__()
         self._policy, self._name = make_driver(policy, background=background), name
         self._stopped, self._pause_steps, self._resume_steps = False, 0, 0
 
     @property
     def failure_message(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Message of the policy's current error; empty if there is none."""
+        """Message of the policy's current error; empty without an error."""
         return self._policy.failure_message
 
     @property
@@ -48,7 +49,7 @@ class CorrectedDriver(OperatorDriver):
         self._stopped = True
 
     def act(self, observation: FloatArray) -> FloatArray:
-        """Returns the action (1, A) of the operator who drives, otherwise that of the policy."""
+        """Returns the action (1, A) of the operator who drives; without an operator, the action of the policy."""
         action = self._policy.act(observation)
         self._pause_steps = max(0, self._pause_steps - 1)
         if self.holder is not None or self._is_paused:
@@ -64,7 +65,7 @@ class CorrectedDriver(OperatorDriver):
         return None if self._is_paused else action
 
     def close(self) -> None:
-        """Stop the robot and the policy."""
+        """Stop the robot, and end the policy's thread if it has one."""
         super().close()
         self._policy.close()
 

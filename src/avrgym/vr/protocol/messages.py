@@ -356,7 +356,7 @@ class Press(Message, frozen=True, tag="press"):
 
 
 class MarkPoint(Message, frozen=True, tag="mark_point"):
-    """The tracked controller touches a point of the real seat or mattress. Front, rear and top measure it."""
+    """The tracked controller touches a point of the real seat or mattress. The points are front, rear and top."""
 
     point: FurniturePoint
 
