@@ -312,7 +312,7 @@ export interface Press {
   value: number;
 }
 
-/** The tracked controller touches a point of the real seat or mattress. Front, rear and top measure it. */
+/** The tracked controller touches a point of the real seat or mattress. The points are front, rear and top. */
 export interface MarkPoint {
   type: "mark_point";
   point: FurniturePoint;
