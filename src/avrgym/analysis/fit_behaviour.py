@@ -99,7 +99,8 @@ INITIAL_NOISE_RAD, MIN_NOISE_RAD = 0.01, 0.001
 
 @dataclass(frozen=True)
 class FittedBehaviour:
-    """Posterior distributions of the behaviour parameters, by parameter name, in the order of ``participants``."""
+    """Posterior distribution of each behaviour parameter, by parameter name; arrays in the order of
+    ``participants``."""
 
     participants: tuple[str, ...]
     parameters: Mapping[str, ShrunkenEstimates]

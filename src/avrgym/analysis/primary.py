@@ -214,7 +214,7 @@ def primary_section(
 def primary_rows(
     tests: Sequence[ComparisonRow], models: Sequence[ModelRow], simulated: bool
 ) -> list[tuple[object, ...]]:
-    """Returns the rows of the table of primary results."""
+    """Returns the rows of the table of primary results: first tests, then model effects."""
     own_tests, own_models = _primary_of_group(tests, models, simulated)
     return [*map(_test_cells, own_tests), *map(_model_cells, own_models)]
 

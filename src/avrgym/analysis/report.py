@@ -58,7 +58,7 @@ GROUP_TITLES = {False: "People", True: "Simulated participants"}
 def write_report(
     path: Path, analysis: StudyAnalysis, drawings: Sequence[ReportFigure], study_link: str
 ) -> None:
-    """Write the report as an HTML page. The bytes of equal analyses are equal.
+    """Write the report as an HTML page. Equal analyses result in equal bytes.
 
     ``study_link``: relative link to the study's folder.
     """

@@ -238,7 +238,7 @@ def analyse_study(
     *,
     skip_damaged: bool = False,
 ) -> StudyAnalysis:
-    """Returns the analysis of a study in its current state. Arguments and errors: see ``read_study_data``."""
+    """Returns the analysis of a study with its current data. Arguments and errors: see ``read_study_data``."""
     fetch_recordings(store)
     answered_items = AnsweredItems(store)
     design = answered_items.design

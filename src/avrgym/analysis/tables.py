@@ -42,7 +42,8 @@ class Table:
 def control_steps_table(
     series: Mapping[tuple[str, int], TrialSeries], participants: Mapping[str, ParticipantRow], design: Design
 ) -> Table:
-    """Returns the table of all control steps, with unweighted reward terms. Terms of other tasks are empty."""
+    """Returns the table of all control steps, with unweighted reward terms. The cells of other tasks' terms are
+    empty."""
     recorded = {
         f"term_{term}"
         for each in series.values()

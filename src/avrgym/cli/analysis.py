@@ -60,7 +60,7 @@ def fit_reward(
     item: Annotated[
         list[str] | None,
         typer.Option(
-            help="An item whose answers are summed, by default L2 (comfort) and L3 (safety). Repeatable."
+            help="An item for the sum of answers; default: L2 (comfort) and L3 (safety). Repeatable."
         ),
     ] = None,
 ) -> None:

@@ -35,13 +35,13 @@ def host(
             max=65535,
         ),
     ] = DEFAULT_PORT + 1,
-    listen: Annotated[str, typer.Option(help="The address to listen on; with --proxy any.")] = LOOPBACK_HOSTS[
-        0
-    ],
+    listen: Annotated[
+        str, typer.Option(help="The address to listen on. Addresses other than loopback need --proxy.")
+    ] = LOOPBACK_HOSTS[0],
     proxy: Annotated[
         list[str] | None,
         typer.Option(
-            help="The address of a reverse proxy with TLS, whose X-Forwarded-For is trusted; repeatable."
+            help="The address of a reverse proxy with TLS. Its X-Forwarded-For header is trusted. Repeatable."
         ),
     ] = None,
     sessions: Annotated[

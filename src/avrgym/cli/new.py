@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True, help="Create a package with a task, robot or controller.")
 NameArgument = Annotated[
-    str, typer.Argument(help="A capital letter, then letters and digits, such as LiftArm.")
+    str, typer.Argument(help="The name: a capital letter, then letters and digits, such as LiftArm.")
 ]
 OutOption = Annotated[
     Path | None,

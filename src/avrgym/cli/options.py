@@ -19,7 +19,7 @@ ImpairmentOption = Annotated[
     str,
     typer.Option(help=f"An impairment of the people's motion: {population_names.ALLOWED_IMPAIRMENTS}."),
 ]
-SeedOption = Annotated[int, typer.Option(help="The same seed gives the same metrics.", min=0)]
+SeedOption = Annotated[int, typer.Option(help="Random seed. The same seed gives the same metrics.", min=0)]
 WithdrawAfterSuccessOption = Annotated[
     bool,
     typer.Option(
@@ -45,13 +45,13 @@ AllowOtherSettingsOption = Annotated[
     bool,
     typer.Option("--allow-other-settings", help="Allow a policy that was trained with other settings."),
 ]
-EpisodeStepsOption = Annotated[int, typer.Option(help="Control steps of an episode.", min=1)]
-EngineOption = Annotated[str, typer.Option(help=f"Where physics runs: {ENGINE_CHOICES}.")]
+EpisodeStepsOption = Annotated[int, typer.Option(help="Number of control steps of an episode.", min=1)]
+EngineOption = Annotated[str, typer.Option(help=f"The physics engine: {ENGINE_CHOICES}.")]
 Cluster = Annotated[
     str | None,
     typer.Option(
         "--cluster",
-        help="Run on the workers of a Ray cluster: `local` starts one on this computer; or `auto`, HOST:PORT, "
+        help="Run on the workers of a Ray cluster: `local` (a new cluster on this computer), `auto`, HOST:PORT or "
         "ray://HOST:PORT. Does not change results. Needs the extra `cluster`.",
         metavar="ADDRESS",
     ),

@@ -274,12 +274,15 @@ def change_input(
     participant: PseudonymArgument,
     method: Annotated[str | None, typer.Option(help=f"The input method: {', '.join(INPUT_METHODS)}.")] = None,
     dwell: Annotated[
-        float | None, typer.Option("--dwell", help="Dwell time of the method head, s: 0.5 to 3.")
+        float | None, typer.Option("--dwell", help="Dwell time of the method head in seconds: 0.5 to 3.")
     ] = None,
     scan: Annotated[
-        float | None, typer.Option("--scan", help="Time per target of the method one-switch, s: 0.5 to 10.")
+        float | None,
+        typer.Option("--scan", help="Time per target of the method one-switch in seconds: 0.5 to 10."),
     ] = None,
-    select_key: Annotated[str | None, typer.Option(help="The key of two-switches that selects.")] = None,
+    select_key: Annotated[
+        str | None, typer.Option(help="The key that selects with the method two-switches.")
+    ] = None,
     resting_arm: Annotated[
         list[str] | None, typer.Option(help="An arm that does not move: left or right; repeatable.")
     ] = None,
@@ -290,11 +293,11 @@ def change_input(
         list[str] | None, typer.Option(help=f"The stop method: {', '.join(STOP_INPUTS)}; repeatable.")
     ] = None,
     text: Annotated[
-        float | None, typer.Option("--text", help="Font size of items in VR, degrees: 1 to 3.")
+        float | None, typer.Option("--text", help="Font size of items in VR in degrees: 1 to 3.")
     ] = None,
     panel_distance: Annotated[
         float | None,
-        typer.Option("--panel-distance", help="Distance of the panel from the eyes, m: 0.75 to 2."),
+        typer.Option("--panel-distance", help="Distance of the panel from the eyes in metres: 0.75 to 2."),
     ] = None,
     contrast: Annotated[str | None, typer.Option(help="Contrast: normal or high.")] = None,
     position: Annotated[

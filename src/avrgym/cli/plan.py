@@ -32,7 +32,7 @@ DEFAULT_EFFECT_SIZES = (0.5, 1.0, 1.5)
 def freeze(
     folder: StudyFolderArgument,
     template: Annotated[
-        bool, typer.Option("--template", help="Write a template of plan.toml, and do not freeze.")
+        bool, typer.Option("--template", help="Write a template of plan.toml. The plan is not frozen.")
     ] = False,
     form: Annotated[
         str | None,
@@ -165,7 +165,7 @@ def power(
         int,
         typer.Option(help="Number of simulated studies for each effect and number of participants.", min=1),
     ] = 500,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same results.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed. The same seed gives the same results.", min=0)] = 0,
     jobs: JobsOption = None,
     json_file: JsonFileOption = None,
 ) -> None:

@@ -86,18 +86,24 @@ def serve(
         float | None, typer.Option(help="The angle of the real bed's back from the horizontal, degrees.")
     ] = None,
     language: Annotated[
-        str, typer.Option(help="The participant's language; studies set it in study.toml and at enrolment.")
+        str,
+        typer.Option(
+            help="The participant's language. For a study, set this in study.toml and at enrolment."
+        ),
     ] = "",
     check: Annotated[
         bool,
         typer.Option(
             "--check",
-            help="Check the headset first, which takes a minute. Default: the setting of study.toml.",
+            help="Check the headset first, which takes a minute. study.toml can also require this check.",
         ),
     ] = False,
     reach: Annotated[
         bool,
-        typer.Option("--reach", help="Also measure the participant's arms; studies set it in study.toml."),
+        typer.Option(
+            "--reach",
+            help="Also measure the length of the participant's arms. For a study, set this in study.toml.",
+        ),
     ] = False,
     force_guard: Annotated[
         bool | None,
@@ -112,7 +118,7 @@ def serve(
         bool,
         typer.Option(
             "--send-streams",
-            help="Send events, poses and forces to Lab Streaming Layer; studies set it in study.toml.",
+            help="Send events, poses and forces to Lab Streaming Layer. For a study, set this in study.toml.",
         ),
     ] = False,
     receive: Annotated[

@@ -136,7 +136,7 @@ def _row(participant: "ParticipantSummary") -> dict[str, Any]:
 def enrol_participant(
     folder: StudyFolderArgument,
     body: Annotated[str, typer.Option(help=f"The body model: {' or '.join(SEXES)}.")],
-    age: Annotated[int | None, typer.Option(help="In years.")] = None,
+    age: Annotated[int | None, typer.Option(help="Age in years.")] = None,
     language: Annotated[str, typer.Option(help="A language of study.toml; default: the first.")] = "",
     name: Annotated[str, typer.Option(help=IDENTITY_FILE_HELP)] = "",
     contact: Annotated[str, typer.Option(help=IDENTITY_FILE_HELP)] = "",
@@ -278,7 +278,7 @@ def _ask_for_inclusion(store: "Store", person: "Participant") -> None:
 def withdraw(
     folder: StudyFolderArgument,
     participant: PseudonymArgument,
-    reason: Annotated[str, typer.Option(help="Without names.")] = "",
+    reason: Annotated[str, typer.Option(help="The reason, without names.")] = "",
 ) -> None:
     """Withdraw a participant.
 
@@ -320,7 +320,7 @@ def simulate(
     participants: Annotated[
         int, typer.Option(help="Number of simulated participants of the study.", min=1)
     ] = 8,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same study.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Random seed. The same seed gives the same study.", min=0)] = 0,
     people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "participants",
     impairment: ImpairmentOption = "none",
     jobs: JobsOption = None,

@@ -76,8 +76,8 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            help="Total environment steps; by default 1 000 000, or the recipe's number. With --resume a larger "
-            "number continues a complete training run.",
+            help="Total number of environment steps; default: 1 000 000, or the recipe's number. With --resume, a "
+            "larger number continues a complete training run.",
             min=1,
         ),
     ] = None,
@@ -104,14 +104,14 @@ def train(
     teacher: Annotated[
         str | None,
         typer.Option(
-            help="With --recipe adaptive: a policy to imitate, by its name or file, instead of the task's expert."
+            help="With --recipe adaptive: the name or file of a policy to imitate instead of the task's expert."
         ),
     ] = None,
     initial_policy: Annotated[
         str | None,
         typer.Option(
-            help="With --recipe adaptive: a recurrent policy to start from, by its name or file; by default without "
-            "imitation."
+            help="With --recipe adaptive: the name or file of an initial recurrent policy. Training is then by "
+            "default without imitation."
         ),
     ] = None,
     imitation_share: Annotated[
@@ -134,7 +134,8 @@ def train(
     own_reward: Annotated[
         bool,
         typer.Option(
-            "--own-reward", help="With --recipe pair: each agent's reward has its own action penalty only."
+            "--own-reward",
+            help="With --recipe pair: each agent's reward contains only the action penalty of this agent.",
         ),
     ] = False,
     reward: Annotated[
@@ -157,14 +158,16 @@ def train(
     num_envs: Annotated[
         int | None,
         typer.Option(
-            help="Worlds that are stepped together; by default the task's or the recipe's number.", min=1
+            help="Number of worlds that are stepped together; default: the number of the recipe or the task.",
+            min=1,
         ),
     ] = None,
     cluster: Cluster = None,
     jobs: Annotated[
         int | None,
         typer.Option(
-            help="Workers of the cluster; by default one per core and 64 worlds. Does not change the weights.",
+            help="Number of cluster workers; default: one per core, with at least 64 worlds each. Does not change "
+            "the weights.",
             min=1,
         ),
     ] = None,

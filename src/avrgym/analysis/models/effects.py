@@ -79,7 +79,7 @@ class DesignMatrix:
 
 
 def effects_of_interest(design: Design) -> tuple[Effect, ...]:
-    """Returns all effects of interest for a study design."""
+    """Returns all effects of interest of a study design: policy, robot, learning, order and carry-over effects."""
     found = [Effect(POLICY_EFFECT, b, a) for a, b in combinations(design.policies, 2)]
     found += [Effect(ROBOT_EFFECT, b, a) for a, b in combinations(design.robots, 2)]
     if len(design.tasks) > 1:

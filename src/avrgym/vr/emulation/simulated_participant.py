@@ -1,8 +1,8 @@
 """Simulated participants send the tracking frames of a headset and answer the questionnaire.
 
 Simulated participants sit or lie, sway, and move mouth or arm to the tool. A behaviour model of ``people`` or a trained
-policy determines the goals of their motion. The motor model ``people.motor`` executes the motion. Dry runs,
-demonstrations and tests use them. All their data are marked as simulated.
+policy determines the goals of their motion. The motor model ``people.motor`` executes the motion. All data of simulated
+participants are marked as simulated.
 """
 
 from collections.abc import Callable, Mapping

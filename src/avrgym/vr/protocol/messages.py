@@ -449,7 +449,8 @@ class Targets(Offered, frozen=True, tag="targets"):
 
 
 class Pressed(Press, frozen=True, tag="pressed"):
-    """The experimenter selected a target. The participant's client ignores it if the offer is no longer valid."""
+    """The experimenter selected a target. The participant's client ignores this message if the offer is no longer
+    valid."""
 
 
 class Scene(Message, frozen=True, tag="scene"):

@@ -15,11 +15,11 @@ from avrgym.geometry.transforms import to_matrix
 from avrgym.models.collision_bits import VISUAL_GROUP
 
 MAX_DETAILED_TRIANGLES = 2000
-"""Meshes with more triangles are simplified to this number, plus a ratio of the number above it."""
+"""Meshes with more triangles are simplified. The result has this number, plus a share of the triangles above it."""
 MAX_SMALL_PART_TRIANGLES = 100
 MAX_SHOWN_RATIO = 1 / 6
 MAX_MODEL_TRIANGLES = 66_000
-"""The ratio is lower in models whose meshes would have more triangles together."""
+"""Maximum number of triangles of all meshes of a model. In larger models, the share of shown triangles is lower."""
 SIMPLIFICATION_AGGRESSION = 3
 """Speed of the simplification, 0 (best quality) to 10 (fastest). With the default of 7, small parts would disappear."""
 WELD_DECIMALS = 5

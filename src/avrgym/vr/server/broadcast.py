@@ -32,7 +32,7 @@ WATCHER_ONLY_MESSAGES = (Status, Timing, DemonstrationProgress)
 
 
 def is_for_role(message: Message, role: Role) -> bool:
-    """Returns whether connections of this role receive a message."""
+    """Returns whether clients with this role receive a message."""
     if isinstance(message, Problem):
         return role in ("experimenter", message.role)
     if isinstance(message, ToolForce):
@@ -117,8 +117,7 @@ class Outbox:
 
 
 class Broadcast:
-    """Passes each message of the simulation's thread to the connections of the roles that receive it, see
-    ``is_for_role``."""
+    """Passes each message of the simulation's thread to all connections that may receive it, see ``is_for_role``."""
 
     def __init__(self) -> None:
         self._events: asyncio.AbstractEventLoop | None = None

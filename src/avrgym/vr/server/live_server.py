@@ -1,6 +1,6 @@
 """The VR server: the client's pages, the scenes, and the WebSockets of participant and watchers.
 
-Watchers are experimenters, caregivers and spectators.
+Watchers are experimenters, caregivers, demonstrators and spectators.
 """
 
 import gc

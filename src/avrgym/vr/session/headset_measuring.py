@@ -39,7 +39,8 @@ class HeadsetMeasurement:
         self._stop_after_s: float | None = None
 
     def add_tracking(self, tracking: Tracking, *, at_rest: bool, stretching: bool) -> None:
-        """Add a tracking frame. ``at_rest``: the participant rests. ``stretching``: they stretch their arms."""
+        """Add a tracking frame. ``at_rest``: whether the participant rests. ``stretching``: whether the arms are
+        stretched."""
         self._tracked.append(tracking)
         if at_rest:
             self._at_rest.append(tracking)

@@ -273,7 +273,8 @@ class SessionState:
         return True
 
     def mark_point(self, point: FurniturePoint) -> None:
-        """Store a point of the real seat or mattress. The last required point measures it; then calibration is due."""
+        """Store a point of the real seat or mattress. The last required point determines its dimensions; calibration
+        follows."""
         position = self.tracking.controller_position(self.now_s)
         if position is None:
             self.report_problem(

@@ -94,7 +94,7 @@ class TrackingFeed:
         self._recent: deque[ReceivedFrame] = deque()
 
     def add(self, tracking: Tracking, now_s: float) -> ReceivedFrame:
-        """Add a frame that arrives now. Returns it with its times, and whether it is usable."""
+        """Add a frame that arrives now. Returns the frame with its times, and whether it is usable."""
         frame = ReceivedFrame(tracking, now_s, self._captured_s(tracking, now_s), self._is_usable(tracking))
         self._arrived.append(frame)
         if frame.is_usable:

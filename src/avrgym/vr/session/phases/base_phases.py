@@ -115,7 +115,7 @@ class OngoingPhase(Phase):
         return phases.FreeMovementBeforeTrial(state)
 
     def _complete_trial(self) -> phases.PhaseAtTrialStart | phases.SessionFinished:
-        """End the attempt as completed and continue. If it cannot be stored, the next phase reports this."""
+        """End the attempt as completed and continue. If the attempt cannot be stored, the next phase reports this."""
         state = self.state
         recording_failure = state.end_attempt("completed")
         stored = state.event_sink.has_stored_all()
