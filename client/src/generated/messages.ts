@@ -413,7 +413,8 @@ export interface Targets {
   targets: Target[];
 }
 
-/** The experimenter selected a target. The participant's client ignores it if the offer is no longer valid. */
+/** The experimenter selected a target. The participant's client ignores this message if the offer is no longer
+ * valid. */
 export interface Pressed {
   type: "pressed";
   number: number;
