@@ -9,6 +9,8 @@ from avrgym.cli.options import (
     ALLOWED_PEOPLE,
     EpisodeStepsOption,
     ImpairmentOption,
+    LanOption,
+    PortOption,
     SeedOption,
     SettingsOption,
 )
@@ -63,13 +65,8 @@ def demonstrate(
             "--force-guard/--no-force-guard", help="Limit contact force and approach speed of the arms."
         ),
     ] = True,
-    port: Annotated[
-        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = DEFAULT_PORT,
-    lan: Annotated[
-        bool,
-        typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
-    ] = False,
+    port: PortOption = DEFAULT_PORT,
+    lan: LanOption = False,
     seed: SeedOption = 0,
     settings: SettingsOption = None,
     episode_steps: EpisodeStepsOption = EPISODE_STEPS,

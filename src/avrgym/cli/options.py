@@ -33,6 +33,13 @@ ForceGuardOption = Annotated[
         "--force-guard", help="Limit contact force and approach speed of the arms, as in live sessions."
     ),
 ]
+PortOption = Annotated[
+    int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
+]
+LanOption = Annotated[
+    bool,
+    typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
+]
 SettingsOption = Annotated[
     list[str] | None,
     typer.Option(

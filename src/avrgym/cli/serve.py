@@ -17,7 +17,9 @@ from avrgym.cli.options import (
     EpisodeStepsOption,
     ForceGuardOption,
     ImpairmentOption,
+    LanOption,
     PolicyOption,
+    PortOption,
     SeedOption,
     SettingsOption,
 )
@@ -51,13 +53,8 @@ def serve(
     host: Annotated[
         str | None, typer.Option(help="The address to listen on: a loopback address; with --lan any address.")
     ] = None,
-    port: Annotated[
-        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = DEFAULT_PORT,
-    lan: Annotated[
-        bool,
-        typer.Option("--lan", help="Also serve the local network, over TLS with a self-signed certificate."),
-    ] = False,
+    port: PortOption = DEFAULT_PORT,
+    lan: LanOption = False,
     env: Annotated[list[str] | None, typer.Option(help="An environment of the trials; repeatable.")] = None,
     policy: Annotated[
         str | None,
@@ -415,9 +412,7 @@ def view(
     policy: PolicyOption = "oracle",
     people: Annotated[str, typer.Option(help=f"The population: {ALLOWED_PEOPLE}.")] = "revised",
     impairment: ImpairmentOption = "none",
-    port: Annotated[
-        int, typer.Option(help="The port to listen on; 0 chooses a free one.", min=0, max=65535)
-    ] = DEFAULT_PORT,
+    port: PortOption = DEFAULT_PORT,
     seed: SeedOption = 0,
     force_guard: ForceGuardOption = False,
     settings: SettingsOption = None,
