@@ -7,9 +7,11 @@ const STAGE_TEXTS: Readonly<Record<DemonstrationProgress["stage"], string>> = {
   finished: "All episodes are recorded. Stop the program with Ctrl+C.",
 };
 
-/** The task and the next step. */
-export function stageText({ stage, goal }: DemonstrationProgress): string {
-  return stage === "ready" ? `${goal} ${STAGE_TEXTS.ready}` : STAGE_TEXTS[stage];
+/** The task, who drives, and the next step. */
+export function stageText({ stage, goal, policy }: DemonstrationProgress): string {
+  if (stage === "ready") return `${goal} ${STAGE_TEXTS.ready}`;
+  const takeover = policy && stage === "running" ? `The policy ${policy} drives. Hold a grip button or Space to take over. ` : "";
+  return takeover + STAGE_TEXTS[stage];
 }
 
 /** Counts of episodes and the success rate. */

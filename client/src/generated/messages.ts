@@ -637,7 +637,8 @@ export interface ToolForce {
  *
  * `stage`: `preparing` (the next world is built), `ready` (waits for the start), `running` or `finished`.
  * `goal`: the task. `episodes`: planned number; `None`: unlimited. `completed`, `successes` and
- * `discarded`: numbers of episodes. `seconds`: maximum duration of an episode. */
+ * `discarded`: numbers of episodes. `seconds`: maximum duration of an episode. `policy`: name of the policy that
+ * drives until an operator takes over; empty: none. */
 export interface DemonstrationProgress {
   type: "demonstration_progress";
   stage: DemonstrationStage;
@@ -647,6 +648,7 @@ export interface DemonstrationProgress {
   successes: number;
   discarded: number;
   seconds: number;
+  policy: string;
 }
 
 export type ServerMessage = Welcome | Language | Body | Input | Targets | Pressed | Scene | Placed | Upcoming | Passed | StateChange | Phase | Question | Problem | RobotCommands | Feedback | Status | Timing | ToolForce | DemonstrationProgress;

@@ -14,6 +14,7 @@ const progress: DemonstrationProgress = {
   successes: 3,
   discarded: 1,
   seconds: 20,
+  policy: "",
 };
 
 function headAt(x: number, z: number, yaw: number): XRPose {
@@ -113,6 +114,12 @@ test("force is felt in proportion, and no force is not felt", () => {
 
 test("the texts contain the next step, counts and the success rate", () => {
   expect(stageText(progress)).toBe("Feed the person. Press A or Start to begin.");
+  const running = { ...progress, stage: "running", policy: "clone.safetensors" } as const;
+  expect(stageText(running)).toBe(
+    "The policy clone.safetensors drives. Hold a grip button or Space to take over. " +
+      "Press A or Success when the task is done.",
+  );
+  expect(stageText({ ...running, policy: "" })).toBe("Press A or Success when the task is done.");
   expect(countText(progress)).toBe("4 of 20 recorded, 3 successes (75 %), 1 discarded.");
   expect(countText({ ...progress, episodes: null, completed: 0, successes: 0 })).toMatch(/^0 recorded, 0 successes, 1/);
 });

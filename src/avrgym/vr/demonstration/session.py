@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from avrgym.models.human import Person
+from avrgym.policies.names import OPERATOR_POLICY
 from avrgym.policies.registry import used_controller_plugin
 from avrgym.recording import schema
 from avrgym.recording.configuration import TrialConfiguration
@@ -363,6 +364,7 @@ class DemonstrationSession:
             successes=folder.count("completed", success=True),
             discarded=folder.count("discarded"),
             seconds=self.plan.steps / self.plan.settings.control_hz,
+            policy="" if self.plan.policy == OPERATOR_POLICY else self.plan.policy,
         )
 
     def _status(self) -> messages.Status:

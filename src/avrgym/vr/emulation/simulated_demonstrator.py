@@ -10,7 +10,7 @@ from avrgym.models import robot
 from avrgym.models.scene import SCENE_TOOL_BODY
 from avrgym.policies.cartesian_control import CartesianController
 from avrgym.policies.registry import ActionFunction
-from avrgym.policies.simulated_operator import SimulatedOperator
+from avrgym.policies.simulated_operator import TOUCH_DELAY_S, SimulatedOperator
 from avrgym.system import random_streams
 from avrgym.vr.live_world.world import LiveWorld
 from avrgym.vr.protocol.messages import TICK_S, Steer
@@ -21,6 +21,8 @@ REACH_M = 0.35
 and moves the hand back. The tool follows the hand only while the clutch is closed."""
 HAND_RETURN_DURATION_S = 0.5
 """Duration in seconds of this motion back, with an open clutch."""
+CONTACT_SPEED_SHARE = 0.5
+"""Speed of the tool on the person, divided by that of the expert. Otherwise the delayed force control oscillates."""
 OBSERVATION_S = 1.5
 """Time in seconds for which a demonstrator who corrects a policy observes the tool before a decision."""
 MIN_INTENDED_PATH_M = 0.02
@@ -33,6 +35,8 @@ CORRECTION_DURATION_S = 3.0
 
 class SimulatedDemonstrator:
     """Moves a headset's controller like a person who follows the expert. The room's position and direction are random.
+
+    In contact with the person, the demonstrator feels the force: they react earlier, and move more slowly.
 
     With ``corrects``, a policy drives, and the demonstrator takes over for a short time if the tool does not move along
     the expert's path.
@@ -69,7 +73,10 @@ class SimulatedDemonstrator:
         if now_s >= self._acts_at_s:
             self._acts_at_s = now_s + 1.0 / world.settings.control_hz
             intended = self._expert_speed(world)
-            self._speed = self._operator.act(intended[None])[0]
+            if world.simulation.tool_force_n()[0] > 0.0:
+                self._speed = self._operator.act(CONTACT_SPEED_SHARE * intended[None], TOUCH_DELAY_S)[0]
+            else:
+                self._speed = self._operator.act(intended[None])[0]
             if now_s >= self._releases_at_s and self._is_off_path(world, intended[:3]):
                 self._releases_at_s = now_s + CORRECTION_DURATION_S
         clutch = self._closes_at_s <= now_s < self._releases_at_s

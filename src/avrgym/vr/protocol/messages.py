@@ -634,7 +634,8 @@ class DemonstrationProgress(Message, frozen=True, tag="demonstration_progress"):
 
     ``stage``: ``preparing`` (the next world is built), ``ready`` (waits for the start), ``running`` or ``finished``.
     ``goal``: the task. ``episodes``: planned number; ``None``: unlimited. ``completed``, ``successes`` and
-    ``discarded``: numbers of episodes. ``seconds``: maximum duration of an episode.
+    ``discarded``: numbers of episodes. ``seconds``: maximum duration of an episode. ``policy``: name of the policy that
+    drives until an operator takes over; empty: none.
     """
 
     stage: DemonstrationStage
@@ -644,6 +645,7 @@ class DemonstrationProgress(Message, frozen=True, tag="demonstration_progress"):
     successes: int
     discarded: int
     seconds: float
+    policy: str = ""
 
 
 class Status(Message, frozen=True, tag="status"):
