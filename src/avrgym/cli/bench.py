@@ -113,9 +113,10 @@ def _brief(row: MetricsRow) -> MetricsRow:
             ("processor", "processor_ms"),
             ("round trip", "round_trip_ms"),
             ("undisturbed trip", "undisturbed_round_trip_ms"),
-            ("steering", "steering_ms"),
         )
     }
+    if row["steering_ms"]:
+        p99s["steering\np99, ms"] = row["steering_ms"]["p99"]
     missed = {"missed": row["missed_deadlines"], "missed\nrunning": row["missed_running"]}
     return {"env": row["env"], **p99s, **missed, "stolen, s": row["stolen_s"]}
 
