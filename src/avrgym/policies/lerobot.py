@@ -222,7 +222,7 @@ class PolicyProcess:
             except (OSError, ControllerError) as error:
                 self._stop()
                 raise PolicyError(
-                    f"{self._command[-1]}: {error}; install LeRobot with `pip install lerobot`, or set "
+                    f"{self._command[-1]}: {error}; install LeRobot with `pip install 'avrgym[lerobot]'`, or set "
                     f"{LEROBOT_PYTHON_VARIABLE} to the Python of an environment that has it"
                 ) from error
 
