@@ -1,6 +1,6 @@
 """Policies from demonstrations: evaluates policies, and prints the note's table.
 
-    python research/demonstrations.py ENVIRONMENT POLICY...
+python research/demonstrations.py ENVIRONMENT POLICY...
 """
 
 import sys
