@@ -41,7 +41,7 @@ FILE_NAME = re.compile(
 )
 OTHER_NAMES = {
     *gymnasium.wrappers.__all__, *gymnasium.wrappers.vector.__all__, "NEXT_STEP",
-    "ScratchItchGen3", "ScratchItchPR2", "WARP_CACHE_PATH", "crontab", "docker", "gee", "lme4", "policy_NAME",
+    "Origin", "ScratchItchGen3", "ScratchItchPR2", "WARP_CACHE_PATH", "crontab", "docker", "gee", "lme4", "policy_NAME",
     "sleepstudy", "wine",
 }  # fmt: skip
 """Names of other programs, and names that no file contains as one word."""
