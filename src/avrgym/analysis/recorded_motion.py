@@ -54,8 +54,8 @@ def read_recorded_motion(participant: str, recording: Recording) -> RecordedMoti
     """Returns the motion in the recording of a completed trial.
 
     Raises:
-        ValueError: if the recording contains no simulation states or no joint targets, if the motion is shorter than
-            two seconds, or if the world cannot be created.
+        ValueError: if simulation states or joint targets are missing, if the motion is shorter than two seconds, or if
+            the world cannot be created.
     """
     states, targets = recording.messages_by_topic["/physics"], recording.messages_by_topic["/body_targets"]
     control, events = recording.messages_by_topic["/control"], recording.messages_by_topic["/events"]

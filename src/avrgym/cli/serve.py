@@ -132,7 +132,7 @@ def serve(
     """Serve one participant's session to a headset.
 
     For each environment, the session has a practice trial, then trials with questions. For the folder of a study, the
-    server also shows the experimenter's dashboard, which starts sessions. --participant starts a session immediately.
+    server also shows the experimenter's dashboard. Sessions are started there, or immediately with --participant.
     """
     from concurrent.futures import ThreadPoolExecutor
 

@@ -24,8 +24,8 @@ MAX_QUEUED_CHUNKS = 600
 BUFFER_DURATION_S = 60
 """Duration in seconds of the samples in the receive buffer."""
 SILENCE_TIMEOUT_S, SILENCE_TIMEOUT_INTERVALS = 1.0, 5.0
-"""A stream with a fixed rate is considered lost after this time in seconds, and this number of sample intervals,
-without samples."""
+"""Time in seconds, and number of sample intervals, without samples. After both, a stream with a fixed rate is
+considered lost."""
 
 
 class Inlet:

@@ -334,8 +334,8 @@ def _costs(angles: FloatArray, rests: FloatArray, start_rad: FloatArray) -> Floa
     """Returns the costs (A, 2, K) of the solutions. ``rests`` (A, K) is the last row of the ``_ENTRIES``.
 
     The cost of motion is the squared difference of each joint from its current angle. The cost of discomfort is the
-    squared difference from its comfortable angle. The sum of both costs equals the squared difference from the weighted
-    mean of both angles, except for a constant and a factor.
+    squared difference from its comfortable angle. Except for a constant and a factor, the sum is the squared difference
+    from the weighted mean of both angles.
     """
     outside = angles - _clipped(angles, _per_arm(ARM_LOWER_RAD[None]), _per_arm(ARM_UPPER_RAD[None]))
     away = angles - _per_arm(

@@ -2,8 +2,7 @@
 
 The torso leans back like the real backrest. The torso height is the distance from the hips to the centre of the head.
 It is the head's height above the hips, divided by the sine of the backrest's angle (paper, section III, for an upright
-back). The hips are assumed to have the same height above the real seat or mattress as the model's hips above the
-virtual seat or mattress.
+back). The height of the hips above the seat or mattress is assumed to be that of the model.
 
 Participants stretch their arms to the front and to the sides. The shoulders move when the arms reach to the front, but
 not when they reach to the sides. The model's shoulders are fixed. The model's arms therefore have the mean of both
