@@ -38,8 +38,8 @@ class SimulatedDemonstrator:
 
     In contact with the person, the demonstrator feels the force: they react earlier, and move more slowly.
 
-    With ``corrects``, a policy drives, and the demonstrator takes over for a short time if the tool does not move along
-    the expert's path.
+    With ``corrects``, a policy drives. If the tool does not move along the expert's path, the demonstrator takes over
+    for a short time.
     """
 
     def __init__(self, seed: int, *, corrects: bool = False) -> None:
