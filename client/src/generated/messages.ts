@@ -638,7 +638,7 @@ export interface ToolForce {
  * `stage`: `preparing` (the next world is built), `ready` (waits for the start), `running` or `finished`.
  * `goal`: the task. `episodes`: planned number; `None`: unlimited. `completed`, `successes` and
  * `discarded`: numbers of episodes. `seconds`: maximum duration of an episode. `policy`: name of the policy that
- * drives until an operator takes over; empty: none. */
+ * drives until an operator takes over; empty without a policy. */
 export interface DemonstrationProgress {
   type: "demonstration_progress";
   stage: DemonstrationStage;

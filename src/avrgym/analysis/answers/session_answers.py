@@ -144,7 +144,7 @@ def session_test_families(design: Design, answers: Sequence[AnswerRow]) -> list[
 
 
 def values_at_moment(moment: str, quantity: str, given: ValuesByMoment) -> list[float]:
-    """Returns the values of ``quantity`` at ``moment``.
+    """Returns the values of ``quantity`` (an item or a scale) at ``moment``.
 
     For ``CHANGE_LABEL``, the values are after minus before, for participants with both values.
     """
@@ -203,7 +203,7 @@ def _counted(answers: Sequence[AnswerRow], simulated: bool, moment: str, quantit
 def _participants_with_proxy(
     answers: Sequence[AnswerRow], simulated: bool, moment: str, quantity: str
 ) -> set[str]:
-    """Returns the pseudonyms of participants with at least one proxy answer to ``quantity`` at ``moment``.
+    """Returns the pseudonyms of participants with at least one answer by a proxy to ``quantity`` at ``moment``.
 
     For a change, these are the answers before and after sessions.
     """

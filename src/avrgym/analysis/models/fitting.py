@@ -1,4 +1,4 @@
-"""Fit the regression model of a quantity, and estimate each effect."""
+"""Fit the regression model of one dependent variable, and estimate each effect."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

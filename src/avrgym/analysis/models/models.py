@@ -118,7 +118,8 @@ ANSWERS_TABLE, SCORES_TABLE, TRIALS_TABLE = "answers", "scores", "trials"
 
 @dataclass(frozen=True)
 class ModelGroup:
-    """Quantities with regression models. Their tests are corrected together for multiple testing.
+    """Quantities (items, scales, success or reward) with regression models. Their tests are corrected together for
+    multiple testing.
 
     ``model_by_quantity``: kind of model (ordinal, logistic, mixed) by quantity. ``table_name``: name of the table with
     the values. ``questionnaire``: name of the questionnaire of answers or scores; empty for success and reward.

@@ -635,7 +635,7 @@ class DemonstrationProgress(Message, frozen=True, tag="demonstration_progress"):
     ``stage``: ``preparing`` (the next world is built), ``ready`` (waits for the start), ``running`` or ``finished``.
     ``goal``: the task. ``episodes``: planned number; ``None``: unlimited. ``completed``, ``successes`` and
     ``discarded``: numbers of episodes. ``seconds``: maximum duration of an episode. ``policy``: name of the policy that
-    drives until an operator takes over; empty: none.
+    drives until an operator takes over; empty without a policy.
     """
 
     stage: DemonstrationStage

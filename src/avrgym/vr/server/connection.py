@@ -114,8 +114,8 @@ MAX_STORED_FRAME_TIMES = 1000
 
 
 CommandRecorder = Callable[[AuthenticatedClient, Any], None]
-"""Function that is called with the hello of each watcher, and with each command before its execution. It must not
-block."""
+"""Function that is called with the first message (``Hello``) of each watcher, and with each command before its
+execution. It must not block."""
 
 PARTICIPANT_CHANNEL = Channel(("participant",), messages.decode_client, messages.ClientMessage)
 WATCHER_CHANNEL = Channel(
@@ -176,7 +176,10 @@ async def _until_revoked(socket: WebSocket, tokens: Tokens, hello: Hello, role: 
 async def _authenticate(
     socket: WebSocket, channel: Channel, tokens: Tokens, broadcast: Broadcast
 ) -> Hello | None:
-    """Receive the hello and check its token. Returns the hello. Otherwise sends the reason and returns ``None``."""
+    """Receive the first message (``Hello``) and check its token. Returns the message.
+
+    If the token is rejected, sends the reason and returns ``None``.
+    """
     refusal = 4400, f"the first message must be a hello of protocol {messages.PROTOCOL_VERSION}"
     hello = language = None
     try:

@@ -66,7 +66,7 @@ def create_app(
         limiter: limits connections.
         hosts: allowed host names of requests.
         exporter: exports the scenes.
-        record: called with the hello of each watcher, and with each of their commands.
+        record: called with the first message (``Hello``) of each watcher, and with each of their commands.
         study: the API of the experimenter's dashboard.
         links: links of a study's participants, for the exchange of codes.
         sounds: folder of sound files, see ``sound_files``.
@@ -144,7 +144,7 @@ class LiveServer(Generic[S]):
             study: creates the API of the experimenter's dashboard from tokens and session; see
                 ``study.dashboard.application``.
             tokens: tokens that authenticate clients; default: new tokens.
-            record: called with the hello of each watcher, and with each of their commands.
+            record: called with the first message (``Hello``) of each watcher, and with each of their commands.
             links: links of a study's participants. A participant is disconnected when the link expires.
             sounds: folder of sound files, see ``sound_files``.
             behind_proxy: whether a reverse proxy forwards all connections and provides TLS.

@@ -178,8 +178,8 @@ class Attempt:
         self.record("/control", control_record(self.steps, step, driver, idle), now_s)
 
     def record_robot_finished(self, now_s: float) -> None:
-        """Records that the robot has finished; ``submit_records`` writes this record. After a crash, the attempt then
-        counts as completed."""
+        """Records that the robot has finished; ``submit_records`` writes this record. After a crash, the attempt is
+        then considered completed."""
         self._finished = self._outcome("completed", now_s)
 
     def record_frames(self, followed: TrackingUpdate) -> None:

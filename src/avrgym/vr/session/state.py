@@ -226,7 +226,7 @@ class SessionState:
         self.ends_by_stop_rule = self.ends_by_stop_rule or decision.action == "end"
 
     def count_headset_time(self, seconds: float) -> None:
-        """Counts time in VR. Reports a warning when little time is left."""
+        """Add ``seconds`` to the time in VR. Reports a warning when little time is left."""
         if self.absence_text is None:
             self.headset_time.add_time(seconds)
             warning = self.headset_time.pop_warning()
