@@ -95,7 +95,7 @@ class Capacity:
 
     @property
     def missed_share(self) -> float:
-        """Share of missed ticks of all sessions in the last ``WINDOW_S``."""
+        """Share of missed ticks (0 to 1) of all sessions in the last ``WINDOW_S``."""
         missed = planned = 0.0
         for each in self._running.values():
             if len(each.missed) > 1:

@@ -52,8 +52,8 @@ class HostedSession:
     """A running session.
 
     ``id``: part of the session's address. ``link``: the participant's token; it remains valid after a crash.
-    ``report``: the latest report. ``absent_since_s``: time at which the participant disconnected.
-    ``ends_at_s``: time of the ordered end. ``error``: error before the start.
+    ``report``: the latest report. ``absent_since_s``: time at which the participant disconnected. ``ends_at_s``:
+    deadline of a session that the host or an experimenter ended. ``error``: error before the start.
     """
 
     id: str
@@ -157,7 +157,7 @@ class SessionPool:
 
     @property
     def missed_share(self) -> float:
-        """Highest share of missed ticks of a computer's sessions."""
+        """Share of missed ticks (0 to 1) of the sessions on the computer with the highest share."""
         return max((each.capacity.missed_share for each in self._computers()), default=0.0)
 
     @property

@@ -119,7 +119,11 @@ class Dashboard:
 
 
 class EnrolmentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to enrol a new participant."""
+    """Request to enrol a new participant.
+
+    ``sex``: body model. ``confirm_duplicate``: enrol although another participant has the same name or contact.
+    ``input``: fields of ``recording.input_profile``; ``None`` for two controllers.
+    """
 
     sex: Sex
     age_years: int | None = None
@@ -131,7 +135,10 @@ class EnrolmentRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class IdentityRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to store name and contact of a participant."""
+    """Request to store name and contact of a participant in the identity file.
+
+    ``confirm_duplicate``: store them although another participant has the same name or contact.
+    """
 
     name: LineText
     contact: LineText
@@ -173,19 +180,19 @@ class PreferencesRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class WithdrawalRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to withdraw a participant. The reason may be empty."""
+    """Request to withdraw a participant and stop a running session. The reason may be empty."""
 
     reason: LineText = ""
 
 
 class NoteRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to add a note of the experimenter."""
+    """Request to add an experimenter's note about a participant. The text may have several lines."""
 
     text: NoteText
 
 
 class NoteEditRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Request to replace the text of a note."""
+    """Request to replace the text of a note. ``id``: id of the note."""
 
     id: int
     text: NoteText

@@ -39,7 +39,7 @@ QUATERNION_COMPONENTS = ("quat_x", "quat_y", "quat_z", "quat_w")
 REFERENCE_FRAME = "local_floor"
 """Name of the reference frame of all poses."""
 TRACKING_SYSTEM = "headset"
-"""Name of the tracking system in file names."""
+"""Name of the tracking system in BIDS file names (``tracksys-headset``)."""
 CONDITION_COLUMNS = {
     name: COLUMNS_BY_TABLE["attempts"][name].meaning
     for name in ("simulated", "practice", "task", "robot", "policy", "reward", "success")

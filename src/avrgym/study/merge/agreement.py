@@ -56,7 +56,9 @@ def _other_differences(a: Store, b: Store) -> Iterator[tuple[str, Any, Any]]:
 
 
 def _of_designs(a: NamedStudy, b: NamedStudy, place: ValuePath, here: Any, there: Any) -> str:
-    """Returns a difference between two designs as text, with the line numbers of the value in both files."""
+    """Returns a difference between two designs as text, with the line numbers of the value in both ``study.toml``
+    files.
+    """
     at = [f"{name}{_line(store, place)}" for name, store in (a, b)]
     return _difference_text(f"{DESIGN}: {key_path_text(place)}", here, there, *at)
 

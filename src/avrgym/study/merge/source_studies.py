@@ -16,7 +16,7 @@ from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 
 Row = Mapping[str, Any]
-"""Values of a database row, by column."""
+"""Values of a database row, by column name."""
 MERGED_TABLES = tuple(
     table
     for table in schema.METADATA.sorted_tables

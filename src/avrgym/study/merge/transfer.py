@@ -167,7 +167,7 @@ def _participant_of(row: Row, sessions: Mapping[int, int]) -> int | None:
 
 
 def _moved(table: sa.Table, row: Row, source: SiteStudy, site: int) -> Row:
-    """Returns the row with its keys in the merged study."""
+    """Returns a row of a site with the primary and foreign keys that it has in the merged study."""
     moved = {column.key: _moved_key(column, row[column.key], site) for column in _columns(table)}
     if table is schema.PARTICIPANT_TABLE:
         moved |= {"site": row["site"] or source.name, "site_number": row["number"]}

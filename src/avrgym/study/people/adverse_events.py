@@ -73,7 +73,7 @@ class AdverseEventDetails(msgspec.Struct, frozen=True, forbid_unknown_fields=Tru
 
 @dataclass(frozen=True)
 class AdverseEventHistory:
-    """An adverse event: all its reports in order."""
+    """All reports of one adverse event, in order: the first report, then its follow-ups."""
 
     reports: tuple[AdverseEventReport, ...]
 

@@ -27,7 +27,7 @@ class DisplayedConsentText:
 
     @property
     def sha256(self) -> str:
-        """SHA-256 checksum of the text."""
+        """SHA-256 of the text, as hexadecimal digits."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 

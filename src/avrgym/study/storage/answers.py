@@ -109,7 +109,9 @@ def record_session_answer(store: Store, session_id: int, answer: Answer, when: s
 
 
 def caregiver_answers(store: Store, session_id: int) -> dict[str, int]:
-    """Returns the caregiver's answers to the questions for caregivers about a session, by item."""
+    """Returns the caregiver's answers (option numbers from 1) to the questions for caregivers about a session, by item
+    id.
+    """
     with store.database.read_transaction() as connection:
         given = find_rows(connection, StudyAnswer, session=session_id, attempt=None, respondent=CAREGIVER)
     return {each.item: each.value for each in given}

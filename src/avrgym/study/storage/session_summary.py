@@ -13,7 +13,9 @@ HEADSET_TIME_EVENT, BREAK_START_EVENT = "headset used", "break begun"
 
 @dataclass(frozen=True)
 class SessionSummary:
-    """Summary of a session. ``trials``: number of completed trials. ``minutes``: time in VR. ``breaks``: number."""
+    """Summary of a session. ``trials``: number of completed trials. ``minutes``: time in VR. ``breaks``: number of
+    breaks.
+    """
 
     number: int
     opened_at: str
