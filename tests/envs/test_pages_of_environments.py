@@ -96,5 +96,5 @@ def test_a_number_of_particles_that_differs_from_the_state_is_refused(
 def test_torso_heights_follow_from_standing_heights() -> None:
     page = (DOCS / "how_to" / "people.md").read_text()
     medians = {"man": (1.755, MAN.torso_height), "woman": (1.625, WOMAN.torso_height)}
-    (found,) = re.findall(r"about ([\d.]+) times the standing height of men and ([\d.]+) times", page)
+    (found,) = re.findall(r"about ([\d.]+) \(men\) or ([\d.]+) \(women\) times the standing height", page)
     assert found == tuple(f"{torso_m / standing_m:.3f}" for standing_m, torso_m in medians.values())
