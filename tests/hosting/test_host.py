@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -151,6 +152,7 @@ def test_experimenter_sees_and_commands_all_sessions(served: Served) -> None:
         (shown,) = [each for each in view()["sessions"] if each["id"] == session.id]
         assert (shown["participant"], shown["phase"], shown["trials"]) == (session.pseudonym, "waiting", 5)
         assert shown["warnings"] == []
+        assert view()["participants"] == Counter(each.state for each in served.host.store.participants())
         with served.connect(session.id, experimenter, "watch", experimenter=True) as watch:
             assert isinstance(first(watch), Welcome)
         assert ask("POST", f"/api/sessions/{session.id}/message", text="Please sit down") == 204

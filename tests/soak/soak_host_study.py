@@ -22,6 +22,7 @@ from helpers.studies.small_studies import make_study
 from helpers.system.processes import AVRGYM
 
 COURSES: tuple[Course, ...] = ("completes", "is screened out", "completes", "withdraws", "leaves")
+SHORT = DESIGN | {"practice_policy": '""', "trial_steps": "30", "free_movement_s": "0.5"}
 SITES = ("atlanta", "berlin")
 SHORT_ABSENCE = SETTINGS.replace("absence_minutes = 2", "absence_minutes = 0.3")
 
@@ -39,7 +40,7 @@ def study_with_dropouts(folder: Path, participants: int) -> dict[str, Any]:
     """Host a study at two sites, and evaluate it with the commands. Returns figures."""
     outcomes = Counter[str]()
     for site in SITES:
-        study = make_study(folder / site, **DESIGN, site=f'"{site}"')
+        study = make_study(folder / site, **SHORT, site=f'"{site}"')
         (study / "host.toml").write_text(SHORT_ABSENCE)
         with Store(study) as store, host_process(store) as (host, _):
             invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]

@@ -7,6 +7,7 @@ from collections.abc import Awaitable, Callable
 from typing import Annotated, Any
 
 import msgspec
+import sqlalchemy as sa
 from fastapi import Depends, FastAPI, HTTPException, Request, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.staticfiles import StaticFiles
@@ -21,6 +22,7 @@ from avrgym.study.dashboard.request_log import DashboardLog
 from avrgym.study.dashboard.tokens import StudyTokens
 from avrgym.study.storage.free_text import MAX_LINE_LENGTH
 from avrgym.study.storage.remote_recordings import object_store_problem
+from avrgym.study.storage.schema import PARTICIPANT_TABLE
 from avrgym.study.storage.states import PARTICIPANT_TRANSITIONS, StudyError
 from avrgym.study.storage.store import Store
 from avrgym.vr.headset_check import MAX_LATENCY_MS
@@ -116,7 +118,7 @@ def experimenter_app(
 
 def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str, Any]:
     """Returns the state of the host and of all sessions, as JSON values for the experimenter's page."""
-    states = [each.state for each in store.participants()]
+    numbers = _participants_by_state(store)
     return {
         "title": store.design.title,
         "is_open": state.is_open,
@@ -124,11 +126,18 @@ def sessions_view(store: Store, pool: SessionPool, state: HostState) -> dict[str
         "session_cpu_share": pool.session_cpu_share,
         "missed_share": pool.missed_share,
         "waiting": pool.waiting,
-        "participants": {state: states.count(state) for state in PARTICIPANT_TRANSITIONS if state in states},
+        "participants": {state: numbers[state] for state in PARTICIPANT_TRANSITIONS if state in numbers},
         "problems": [problem] if (problem := object_store_problem(store)) else [],
         "copies_requested": requested(store, COPY_REQUESTED_EVENT),
         "sessions": [session_view(store, each) for each in pool.sessions],
     }
+
+
+def _participants_by_state(store: Store) -> dict[str, int]:
+    state = PARTICIPANT_TABLE.c.state
+    with store.database.read_transaction() as connection:
+        found = connection.execute(sa.select(state, sa.func.count()).group_by(state))
+        return {name: number for name, number in found}
 
 
 def session_view(store: Store, session: HostedSession) -> dict[str, Any]:
