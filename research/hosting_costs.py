@@ -116,9 +116,10 @@ class _Samples:
     def __init__(self, host: int, postgresql: int, served: Served, database: Any) -> None:
         self._host, self._postgresql, self._served, self._database = host, postgresql, served, database
         self._used_s: dict[str, dict[int, float]] = {"host": {}, "sessions": {}, "postgresql": {}}
+        self._starts_s: dict[str, float] = {}
         self._seconds: dict[str, float] = {}
         self._shares: list[float] = []
-        self._memory_mb: list[float] = []
+        self._memory_mb: dict[int, float] = {}
         self._missed = self._most = self._connections = 0
         self._transactions: list[int] = []
 
@@ -132,6 +133,7 @@ class _Samples:
         }
         for name, group in groups.items():
             self._used_s[name] |= processes.used_s(group)
+            self._starts_s.setdefault(name, sum(self._used_s[name].values()))
         with suppress(httpx.HTTPError, KeyError):
             self._add_sessions(groups["sessions"])
         (commits,) = self._database.execute("SELECT sum(xact_commit) FROM pg_stat_database").fetchone()
@@ -150,12 +152,12 @@ class _Samples:
             if each["phase"] == "trial":
                 self._shares.append(each["cpu_share"])
         if sessions:
-            self._memory_mb.append(sum(map(memory_mb, processes)) / len(sessions))
+            self._memory_mb[len(sessions)] = sum(map(memory_mb, processes)) / len(sessions)
 
     def figures(self, outcomes: list[dict[str, Any]]) -> dict[str, float]:
         """Figures of the measurement."""
         seconds = sum(self._seconds.values())
-        used_s = {name: sum(each.values()) for name, each in self._used_s.items()}
+        used_s = {name: sum(each.values()) - self._starts_s[name] for name, each in self._used_s.items()}
         return {
             "participants": len(outcomes),
             "completed": sum(each["ending"] == "completed" for each in outcomes),
@@ -165,7 +167,7 @@ class _Samples:
             "session_cores": used_s["sessions"] / seconds,
             "host_cores_per_session": used_s["host"] / seconds,
             "postgresql_cores_per_session": used_s["postgresql"] / seconds,
-            "session_memory_mb": max(self._memory_mb),
+            "session_memory_mb": self._memory_mb[self._most],
             "received_kbit_per_s": 8e-3 * sum(each["received_bytes"] for each in outcomes) / seconds,
             "sent_kbit_per_s": 8e-3 * sum(each["sent_bytes"] for each in outcomes) / seconds,
             "transactions_per_s": (self._transactions[-1] - self._transactions[0]) / seconds,

@@ -55,6 +55,11 @@ def study_with_dropouts(folder: Path, participants: int) -> dict[str, Any]:
             invitations = [each.token for each in create_invitations(store, [""] * participants, days=1)]
             people = take_part_in_other_process(f"http://localhost:{host.port}", invitations, COURSES)
             outcomes.update(each["ending"] or each["error"] or "left" for each in people)
+    return {"outcomes": dict(outcomes)} | evaluate(folder)
+
+
+def evaluate(folder: Path) -> dict[str, Any]:
+    """Check, merge, analyse and export the studies of both sites with the commands. Returns figures."""
     merged, exported = folder / "all", folder / "exported"
     commands = (
         *(("study", "check", folder / site) for site in SITES),
@@ -71,10 +76,9 @@ def study_with_dropouts(folder: Path, participants: int) -> dict[str, Any]:
         name = " ".join(map(str, command)).replace(f"{folder}/", "")
         print(f"$ avrgym {name}\n{done.stdout}{done.stderr}", flush=True)
         codes[name] = done.returncode
-    (page,) = merged.rglob("report/index.html")
+    (page,) = merged.rglob("reporting/index.html")
     (section,) = re.findall(r'<section id="flow">(.*?)</section>', page.read_text(), re.DOTALL)
     return {
-        "outcomes": dict(outcomes),
         "exit_codes": codes,
         "flow": [text for each in re.split(r"<[^>]*>", section) if (text := unescape(each).strip())],
         "exported_files": sum(1 for each in exported.rglob("*") if each.is_file()),
