@@ -50,16 +50,16 @@ import json
 import torch
 from avrgym.envs.lerobot import AvrGymEnvConfig
 from lerobot.envs.factory import make_env
-from lerobot.envs.utils import add_envs_task, env_to_policy_features, preprocess_observation
+from lerobot.envs.utils import env_to_policy_features, preprocess_observation
 
 config = AvrGymEnvConfig(task="FeedingJaco-v1", episode_length=2, cameras=["wrist:80x64"])
 worlds = make_env(config, n_envs=2)["avrgym"][0]
-observation = add_envs_task(worlds, preprocess_observation(worlds.reset(seed=[0, 1])[0]))
+observation = preprocess_observation(worlds.reset(seed=[0, 1])[0])
 features = {name: list(each.shape) for name, each in env_to_policy_features(config).items()}
 for _ in range(2):
     info = worlds.step(worlds.action_space.sample())[4]
 print(json.dumps({
-    "features": features, "task": observation.pop("task"), "steps": worlds.call("_max_episode_steps")[0],
+    "features": features, "task": list(worlds.call("task_description")), "steps": worlds.call("_max_episode_steps")[0],
     "observation": {name: list(each.shape[1:]) for name, each in observation.items()},
     "success": info["final_info"]["is_success"].tolist(),
 }))
