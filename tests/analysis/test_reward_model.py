@@ -16,6 +16,7 @@ from avrgym.analysis.reward_model import (
     write_reward_models,
 )
 from avrgym.cli.main import app
+from avrgym.learning.preference_reward import read_preference_weights
 from avrgym.study.storage.states import StudyError
 from avrgym.study.storage.store import Store
 from helpers.studies.known_results import enrol_included, run_trials
@@ -100,3 +101,4 @@ def test_a_study_with_comparisons_yields_a_file(tmp_path: Path) -> None:
         assert set(model["weights"]) == {"distance_m", "action_squared", "force_on_person_n"}
         assert (model["participants"], model["simulated"]) == (3, True)
         assert 0.0 <= model["accuracy"] <= 1.0
+        assert read_preference_weights(out, f"avrgym/{model['task']}Jaco-v1") == model["weights"]
