@@ -1,8 +1,8 @@
 """Behaviour cloning: fits the recurrent network of the recipe ``adaptive`` to LeRobot datasets, by least squares.
 
-Frames in which an operator corrected a policy have a larger weight. Together they count as much as the other
-demonstrations (intervention weighted regression, Mandlekar et al., arXiv:2012.06733). The policy's own frames in these
-episodes have weight 0.
+Frames in which an operator corrected a policy have a larger weight. The sum of their weights equals that of all other
+demonstrations (intervention weighted regression, Mandlekar et al., arXiv:2012.06733). In the same episodes, frames that
+the policy controlled have weight 0.
 """
 
 # PyTorch's methods: their types are known only in part.
@@ -37,9 +37,9 @@ LEARNING_RATE, LEARNING_RATE_DECAY = 1e-3, 0.02
 
 @dataclass(frozen=True)
 class ClonedEpisodes:
-    """Episodes of equal length: ``observations`` (T, N, O), ``actions`` (T, N, A) and ``weights`` (T, N) of frames.
+    """N episodes of T steps: ``observations`` (T, N, O), ``actions`` (T, N, A) and ``weights`` (T, N) of frames.
 
-    Shorter episodes end with zeros; there the weight is 0.
+    Shorter episodes are filled up with frames of weight 0.
     """
 
     observations: Float32Array
@@ -53,10 +53,10 @@ def clone(
     seed: int = 0,
     report: Callable[[int, float], None] = lambda steps, loss: None,
 ) -> Policy:
-    """Returns a policy that imitates episodes.
+    """Trains and returns a recurrent policy that imitates episodes.
 
     Args:
-        environment: the environment's id.
+        environment: environment id such as ``avrgym/FeedingJaco-v1``.
         episodes: the demonstrations.
         seed: seed of initial weights and of the order of episodes.
         report: called after each gradient step. Arguments: the number of completed steps, and the weighted mean squared
@@ -100,12 +100,12 @@ def clone(
 def read_episodes(
     environment: str, datasets: Sequence[Path], max_episodes: int | None = None
 ) -> ClonedEpisodes:
-    """Returns the episodes of LeRobot datasets without images, as ``avrgym export`` writes them.
+    """Reads LeRobot datasets without images, as from ``avrgym export``. Returns their episodes.
 
-    ``max_episodes``: number of episodes that are used of each dataset; default: all.
+    ``max_episodes`` is the maximum number of episodes from each dataset; by default, all episodes are used.
 
     Raises:
-        ValueError: if a folder contains no such dataset, or one with other observations or actions.
+        ValueError: if a folder contains no such dataset, or a dataset with other observations or actions.
     """
     found: list[tuple[Float32Array, Float32Array, NumpyArray]] = []
     for folder in datasets:
@@ -134,7 +134,9 @@ def read_episodes(
 
 
 def _read(environment: str, folder: Path) -> list[tuple[Float32Array, Float32Array, NumpyArray]]:
-    """Returns observations (T, O), actions (T, A) and marks of interventions (T,) of each episode of a dataset."""
+    """Returns observations (T, O), actions (T, A) and the mask of corrected frames (T,) of each episode in a
+    dataset.
+    """
     observation = observation_of(environment)
     measured, names = robot_measured_mask(observation), np.array(value_names(observation))
     try:

@@ -62,9 +62,10 @@ class TrainingConfiguration:
     """Settings that all recipes have. ``steps`` is the number of environment steps, rounded up to whole updates.
 
     ``threads`` is the number of threads that step the worlds; 0 means one per core. If ``force_guard`` is true, the
-    force guard limits the robot during training. ``withdraw_after_success`` and ``settings`` are as in ``Episodes``.
-    ``motion_version`` is the version of the motion model, for people without a version in their name.
-    ``preference_weights`` are weights of an additional reward, see ``preference_reward``.
+    force guard limits the robot during training. If ``withdraw_after_success`` is true, the robot withdraws its tool
+    after success. ``settings`` are settings of the environment. ``motion_version`` is the version of the motion model
+    for populations without a version in their name. ``preference_weights`` are weights of an additional reward, see
+    ``preference_reward``.
     """
 
     environment: str

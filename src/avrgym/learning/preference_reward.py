@@ -1,4 +1,4 @@
-"""Participants' preferences as an additional reward of training: the weights that ``avrgym fit-reward`` fits."""
+"""Additional training reward for participants' preferences, with weights from ``avrgym fit-reward``."""
 
 import json
 from collections.abc import Mapping
@@ -9,15 +9,15 @@ from avrgym.tasks.control_loop import StepOutcome
 from avrgym.tasks.registry import TASKS, find_environment
 
 FORCE_TERM = "force_on_person_n"
-"""Name of the term for the contact force on the person (N)."""
+"""Name of the reward term for the contact force on the person, in newtons."""
 REWARD_PER_LOG_ODDS = 10.0
-"""Reward of a whole episode for each unit of the log odds with which a participant prefers it."""
+"""Reward of a whole episode, per unit of the log odds that a participant prefers this episode."""
 
 
 def read_preference_weights(file: Path, environment: str) -> dict[str, float]:
     """Returns the weight of each reward term in a control step, for an environment's task.
 
-    A model's weights are those of means over the control steps of a trial.
+    The file contains weights for means over the control steps of a trial.
 
     Raises:
         ValueError: if the file contains no weights for the task, or weights of unknown reward terms.
@@ -44,7 +44,7 @@ def read_preference_weights(file: Path, environment: str) -> dict[str, float]:
 
 
 def preference_reward(step: StepOutcome, weights: Mapping[str, float], steps: int) -> Any:
-    """Returns the reward (N,) of a control step for the preferences, in an episode of ``steps`` control steps."""
+    """Returns the additional reward (N,) of one control step in an episode of ``steps`` control steps."""
     terms = {**step.reward_terms, FORCE_TERM: step.force_on_person_n}
     log_odds = sum(weight * terms[name] for name, weight in weights.items())
     return REWARD_PER_LOG_ODDS / steps * log_odds

@@ -7,7 +7,7 @@ from avrgym.system import optional_robots
 PAPER_TASKS = ("Feeding", "Drinking", "ScratchItch", "BedBathing")
 PACKAGED_TASKS = (*PAPER_TASKS, "Dressing", "ArmManipulation")
 PACKAGED_ROBOTS = ("Jaco", "PR2", "Panda", "Gen3", "UR5", *optional_robots.INSTALLED_ROBOTS)
-"""Names of the packaged robots."""
+"""Names of the packaged robots, including optional robots with installed meshes."""
 EPISODE_STEPS = 200
 SIMULATION_VERSION = 2
 """Version of the simulation: physics, initial states and rewards. Recordings store this version.

@@ -66,7 +66,9 @@ If the largest angle was smaller, the expected angle is larger. Both are equal a
 MIN_HEAD_TURN_RAD = float(np.radians(8.0))
 """Rotation of the face since the start below which the person does not look away."""
 MAX_GOAL_OVERSHOOT_M = 0.001
-"""Distance of the cup past its goal. Above it, the cup moves away with at least ``MIN_RETREAT_SPEED_M_S``."""
+"""Maximum distance of the cup past its goal. If it is exceeded, the cup moves away at ``MIN_RETREAT_SPEED_M_S`` or
+faster.
+"""
 WAITING_STANDOFF_M = 0.01
 """Additional distance of a waiting cup from the lips."""
 DEFAULT_LATERAL_OFFSET_M = 0.025
