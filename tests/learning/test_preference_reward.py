@@ -25,7 +25,8 @@ def test_files_without_weights_of_the_task_are_refused(tmp_path: Path) -> None:
     file = write(tmp_path / "r.json", "ScratchItch", weights)
     assert read_preference_weights(file, ENVIRONMENT) == weights
     with pytest.raises(
-        ValueError, match=r"contains weights of ScratchItch; avrgym/FeedingJaco-v1 needs Feeding"
+        ValueError,
+        match=r"contains weights of ScratchItch; allowed for avrgym/FeedingJaco-v1: weights of Feeding",
     ):
         read_preference_weights(file, "avrgym/FeedingJaco-v1")
     with pytest.raises(ValueError, match=r"unknown reward terms smile; allowed: .*force_on_person_n"):

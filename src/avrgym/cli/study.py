@@ -249,7 +249,9 @@ def _ask_again(store: "Store", person: "Participant", by: str) -> bool:
             print_line(f"{person} agrees to version {store.design.consent.version}")
         return complete
     if not confirm(f"Store that {person} does not agree and withdraws? This is final."):
-        raise RuntimeError(f"{person} has not decided. Nothing was stored")
+        raise RuntimeError(
+            f"{person} has not decided. Nothing was stored; run the command again after a decision"
+        )
     decline_consent(store, person.pseudonym, by)
     log_command(store, "declined-consent", person.pseudonym)
     print_line(f"{person} has withdrawn; `avrgym study delete-participant` deletes their data")

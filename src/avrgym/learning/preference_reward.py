@@ -33,7 +33,7 @@ def read_preference_weights(file: Path, environment: str) -> dict[str, float]:
         ) from error
     if weights is None:
         raise ValueError(
-            f"{file} contains weights of {', '.join(models) or 'no task'}; {environment} needs {task}"
+            f"{file} contains weights of {', '.join(models) or 'no task'}; allowed for {environment}: weights of {task}"
         )
     unknown = sorted(weights.keys() - allowed)
     if unknown:

@@ -73,7 +73,7 @@ def store_consent(
     if others:
         raise StudyError(
             f"{consenting_pseudonyms_text(others)} read another consent text with version {shown.version} "
-            f"({shown.language}): raise version under [consent] in study.toml, or restore their text"
+            f"({shown.language}): increase version under [consent] in study.toml, or restore their text"
         )
     at, sha256 = utc_timestamp(), _archived(connection, shown, archive)
     stored_role = None if role == PARTICIPANT else role

@@ -228,7 +228,7 @@ def record_inclusion(store: Store, pseudonym: str, answers: Mapping[str, bool]) 
     questions = {question.id: question.required for question in store.design.inclusion}
     if set(answers) != set(questions) or not all(type(answer) is bool for answer in answers.values()):
         raise StudyError(
-            f"each question needs an answer true or false; the questions are {', '.join(questions)}"
+            f"an answer is missing or unknown; allowed: true or false for each of {', '.join(questions)}"
         )
     fits = all(answers[question] == required for question, required in questions.items())
     with store.write_transaction() as connection:
