@@ -46,9 +46,9 @@ def segment_box_distance(
     Args:
         box_pos_w: box centres (..., 3).
         box_q_w: box orientations (..., 4).
-        half_size_m: half edges (..., 3).
-        s0_w: segment starts (..., 3).
-        s1_w: segment ends (..., 3).
+        half_size_m: half edge lengths of the boxes (..., 3).
+        s0_w: start points of the segments (..., 3).
+        s1_w: end points of the segments (..., 3).
     """
     entries = transforms.to_matrix(box_q_w).reshape(*np.shape(box_q_w)[:-1], 9)
     centre_w, entries, half, s0_w, s1_w = _axis_first(box_pos_w, entries, half_size_m, s0_w, s1_w)

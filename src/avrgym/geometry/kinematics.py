@@ -298,10 +298,10 @@ def inverse_kinematics(
     moving target from the current positions.
 
     Args:
-        chain: the arm.
-        target_pos: (N, 3) in the base frame, metres.
-        target_q: (N, 4), or None for any rotation.
-        start: (N, J), the initial joint positions.
+        chain: kinematic chain of the arm.
+        target_pos: target positions of the tip (N, 3) in the base frame, metres.
+        target_q: target rotations of the tip (N, 4) in the base frame, or None for any rotation.
+        start: initial joint positions of the search (N, J).
         iterations: maximum number of steps. A step moves each joint by at most half of its ``Chain.joint_units``.
         tolerance: the search of a row ends when its weighted error is at most this value, metres.
         precision: data type of the computation. ``numpy.float32`` takes half the time, with errors of at most 0.1 mm.

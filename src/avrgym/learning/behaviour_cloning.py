@@ -57,7 +57,7 @@ def clone(
 
     Args:
         environment: environment id such as ``avrgym/FeedingJaco-v1``.
-        episodes: the demonstrations.
+        episodes: demonstrations to imitate.
         seed: seed of initial weights and of the order of episodes.
         report: called after each gradient step. Arguments: the number of completed steps, and the weighted mean squared
             error of actions in this step.

@@ -54,7 +54,7 @@ class RolloutRequest:
     """A request to run whole episodes in n worlds of a training run.
 
     Attributes:
-        settings: settings of the worlds.
+        settings: settings of the worlds in which the episodes run.
         first_world_index: number of the first of these worlds in the training run.
         episode_seeds: seeds of the episodes, (n,).
         noise_seed: two numbers, usually the seed of the training run and the number of past environment steps. These

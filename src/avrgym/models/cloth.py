@@ -24,7 +24,7 @@ class Cloth:
         initial_pos: stress-free initial positions (V, 3) of the vertices; tool's frame, metres.
         faces: triangles (F, 3), indices of vertices.
         attached_vertices: indices of the vertices that are attached to the tool.
-        mass_kg: mass of all vertices.
+        mass_kg: total mass of the cloth, distributed over the vertices.
         thickness_m: thickness of the shell; its bending stiffness is proportional to the cube.
         young_modulus_pa, poisson_ratio: elastic constants of the material.
         damping_s: Rayleigh damping, in seconds.

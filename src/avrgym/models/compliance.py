@@ -126,8 +126,8 @@ def limit_contact_forces(spec: mujoco.MjSpec, arm: Arm, tool: Tool, lead_rad: fl
     """Make all contacts with the person compliant, and limit the torques of the arm.
 
     Args:
-        spec: the scene.
-        arm: the moving arm.
+        spec: model of the scene, which is changed.
+        arm: moving arm of the scene's robot.
         tool: the tool in the hand of this arm.
         lead_rad: maximum distance between servo target and joint position, in ``kinematics.joint_units``.
     """

@@ -22,7 +22,7 @@ class DifferentialDrive:
 
     Attributes:
         speed_limit_m_s: limit of the forward speed, and of the speed of each wheel.
-        turn_limit_rad_s: limit of the turn rate.
+        turn_limit_rad_s: limit of the turn rate of the base.
         track_width_m: distance between the wheels.
         force_limit_n: limit of the driving force of both wheels together.
         lateral_force_limit_n: limit of the wheels' friction force against sideways motion.

@@ -22,9 +22,9 @@ def add_self_collision(spec: mujoco.MjSpec, robot: Robot, arm: Arm, prefix: str)
     """Enable collisions between the links of a robot in a scene, for the pairs in ``collision_pairs``.
 
     Args:
-        spec: a scene with the robot.
-        robot: the robot.
-        arm: its moving arm.
+        spec: model of a scene with the robot, which is changed.
+        robot: robot of this scene.
+        arm: moving arm of this robot.
         prefix: prefix of the robot's names in the scene.
     """
     bits, colliding = collision_bits.ROBOT, collision_pairs(robot, arm)

@@ -58,7 +58,7 @@ class Tool:
     """A tool of the robot, with particles or cloth.
 
     Attributes:
-        name: name of the tool.
+        name: name of the tool, such as ``spoon``.
         build: adds the tool to a body of a model. The last argument: whether to add visual geoms.
         grip_pos: point that the hand holds (3,), tool's frame, metres.
         particles: food or water on the tool.

@@ -52,8 +52,8 @@ class VisionNetwork:
         """Returns normalised observations (N, O) with the network's estimates in the estimated entries.
 
         Args:
-            rows: (N, O); the values of estimated entries are not used.
-            image: (N, H, W, C), from ``vision_input``.
+            rows: normalised observations (N, O). The values of estimated entries are not used.
+            image: input images (N, H, W, C), from ``vision_input``.
         """
         estimated = self.estimated_indices.astype(np.intp)
         features = image

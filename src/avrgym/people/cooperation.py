@@ -97,9 +97,9 @@ class CooperationState:
         time_s: time since the start of the episode (N,); used by version 1 of the motion only.
         reaction_delay_steps: reaction delay in control steps (N,).
         facing_share: executed share (N,) of the head rotation that is needed to face the tool.
-        sway_amplitude_rad: sway amplitude (N,).
-        sway_hz: sway frequency (N,).
-        sway_phase_rad: sway phases (N, 2).
+        sway_amplitude_rad: amplitude of the waist's sway (N,).
+        sway_hz: frequency of the sway (N,).
+        sway_phase_rad: phases of the forward and the sideways sway (N, 2).
     """
 
     tool_history_w: FloatArray

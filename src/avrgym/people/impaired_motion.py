@@ -72,7 +72,7 @@ class ImpairedMotionState:
     Attributes:
         executed_angles_rad: executed joint angles without tremor and dyskinesia (N, 20).
         speed_rad_s: speeds of these angles (N, 20).
-        goal_angles_rad: the previous goal angles (N, 20).
+        goal_angles_rad: goal joint angles of the previous step (N, 20).
         recent_goal_motion_rad: absolute motion of the goal angles during about the last second (N, 20).
         time_s: time since the start of the episode (N,).
     """

@@ -193,7 +193,7 @@ def initial_state(
     """Returns the initial state of people at rest in their pose.
 
     Args:
-        people: N people.
+        people: body parameters of N people.
         rhythms: their rhythmic motion. If it is ``None``, the tremor in ``people`` is the only rhythmic motion.
         speed_factor: speed and acceleration relative to the limits (N,).
         noise_uniforms: uniform numbers (N, 3) that determine the noise.

@@ -88,7 +88,7 @@ def find_lerobot_policy(
         name: ``lerobot:`` and a folder ``pretrained_model`` of ``lerobot-train``.
         observation: the environment's observation.
         action_size: the length of the environment's actions.
-        instruction: the task as text.
+        instruction: description of the task in words, an input of language-conditioned policies.
 
     Raises:
         PolicyError: if the folder contains no policy, or a policy with other inputs or another output.

@@ -275,9 +275,9 @@ def controller_observations(
     ``command``.
 
     Args:
-        policy: the controller.
-        world: N worlds.
-        observations: (N, O).
+        policy: controller of another package or file.
+        world: episodes in N worlds.
+        observations: observations of all worlds (N, O).
     """
     cameras = cameras_of(policy, world.environment_id)
     if not cameras and not policy.takes_commands:

@@ -32,7 +32,7 @@ def policy_path(name_or_path: str | os.PathLike[str], environment_id: str) -> Pa
     """Returns the file of a packaged policy, given its name (such as ``original``), or the given path.
 
     Raises:
-        PolicyError: if neither exists.
+        PolicyError: if there is no policy with this name and no file with this path.
     """
     packaged = packaged_policies(environment_id)
     if str(name_or_path) in packaged:

@@ -56,7 +56,7 @@ class Playback:
     Times are in seconds from the start of the trial.
 
     Attributes:
-        recording: the recording.
+        recording: the recording that is recomputed.
         episodes: the world, in the current state of ``recompute``.
         phase: the current phase of the session.
         robot_driven: whether a driver (policy or operator) controlled the robot in the last physics step.

@@ -38,7 +38,7 @@ class QuantityDifference:
     """Differences between the recorded and the recomputed values of one quantity.
 
     Attributes:
-        quantity: name of the quantity.
+        quantity: name of the quantity, such as ``qpos`` or ``reward``.
         times: number of states or steps with a difference.
         first_time_s: time of the first difference.
         largest: the largest difference, in SI units.

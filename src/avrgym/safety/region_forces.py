@@ -104,7 +104,7 @@ class RegionStatistics:
 
     Attributes:
         mean_n: mean force over time and episodes.
-        peak_n: maximum force.
+        peak_n: maximum force over time and episodes.
         contact_share: share of physics steps with a force.
         quasi_static_limit_n: the region's quasi-static limit.
         transient_limit_n: the region's transient limit.

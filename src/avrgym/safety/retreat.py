@@ -77,7 +77,7 @@ class Retreat:
             mouth_distance_m: the distance between mouth and tool at which the retreat is complete.
             person_distance_m: the distance of tool and hand from the person at which the retreat is complete.
             steps: number of finished steps of the retreat.
-            step_s: duration of a step.
+            step_s: duration of a step in seconds.
         """
         self._simulation, self._world = simulation, world
         self._mouth_distance_m, self._person_distance_m = mouth_distance_m, person_distance_m

@@ -63,7 +63,7 @@ class BaseSearchResult:
 
     Attributes:
         candidate_index: index (n,) of the candidate.
-        base_poses: base poses (n,).
+        base_poses: poses (n,) of the base.
         joint_positions: joint positions (n, J) in the start pose.
         start_reached: whether (n,) the arm reaches the start pose within 5 mm and 0.05 rad. If no candidate of a world
             reaches it, the best candidate is the one with the smallest error.
@@ -118,11 +118,11 @@ def search_base_pose(
     Args:
         chain: the arm from the robot's base to its tip.
         candidates: base poses, (n, C).
-        start_pos_w: (n, 3), start position of the tip.
-        start_q_w: (n, 4), start orientation of the tip.
-        goal_pos_w: (n, G, 3), goal positions of the tip.
-        goal_q_w: (n, G, 4), goal orientations of the tip, or None for any orientation.
-        seed_pose: (J,), initial joint positions of the search for the start pose.
+        start_pos_w: start positions of the tip (n, 3), world frame.
+        start_q_w: start orientations of the tip (n, 4), world frame.
+        goal_pos_w: goal positions of the tip (n, G, 3), world frame.
+        goal_q_w: goal orientations of the tip (n, G, 4), world frame, or None for any orientation.
+        seed_pose: initial joint positions (J,) of the search for the start pose.
         path_cost: cost of the motion from an initial state.
     """
     count, per_world = len(candidates.yaw_rad), candidates.yaw_rad.shape[1]

@@ -75,7 +75,7 @@ class StartClearanceChecker:
         """Find the pairs of geoms to check.
 
         Args:
-            model: the scene.
+            model: model of the scene.
             base: name of the robot's body that is mounted on furniture; ``None`` for a robot on the floor.
             arms: whether to check the overlap of the person's arms and furniture.
             offered: whether to check the contacts of the right arm with padding and with the rest of the body.

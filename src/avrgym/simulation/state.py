@@ -79,7 +79,7 @@ class InitialState:
     """The initial state of n worlds; world frame.
 
     Attributes:
-        people: the people (n,).
+        people: body parameters of the people (n,).
         robot_pos_w: positions (n, 3) of the robot's base.
         robot_q_w: quaternions (n, 4) of the robot's base.
         joint_positions: joint positions (n, J) of the arm.

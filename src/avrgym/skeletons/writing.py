@@ -31,7 +31,7 @@ def write_skeleton(kind: PackageKind, name: str, out: Path | None = None) -> lis
     """Write a package with a task, a robot or a controller.
 
     Args:
-        kind: content of the package.
+        kind: content of the package: a task, a robot or a controller.
         name: name of the task, robot or controller: a capital letter, then letters and digits, such as ``LiftArm``.
         out: a new folder; ``lift-arm`` in the working directory by default.
 

@@ -90,7 +90,7 @@ class ControlLoop:
         """Create the loop with the selected layers.
 
         Args:
-            episodes: the worlds.
+            episodes: episodes in the worlds to step.
             force_guard: whether a force guard overrides actions; needs forces by body region.
             withdraw_after_success: whether robots withdraw after success, see ``Task.withdraws_after_success``.
             reward_withdrawal: whether steps that the withdrawal controls are rewarded.

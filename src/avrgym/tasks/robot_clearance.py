@@ -25,8 +25,8 @@ class ArmCapsules:
         link_chains: kinematic chains from the robot's base to each moving body, in joint order.
         link_index: index of each capsule's link (C,).
         axis_ends: ends of each capsule's axis in the link frame (C, 2, 3).
-        radius_m: radii (C,).
-        is_tool: whether a capsule belongs to the tool (C,).
+        radius_m: radii of the capsules (C,).
+        is_tool: boolean mask (C,) of the tool's capsules.
     """
 
     link_chains: tuple[kinematics.Chain, ...]

@@ -165,12 +165,12 @@ class Task:
         expert: expert that plans with the full state. It shows that the task is feasible (``--policy oracle``).
         feedback_expert: expert without memory: its action is a smooth function of the current state. Training imitates
             it.
-        views: camera views for images.
+        views: camera views for rendered images of the scene.
         hyperparameters: training hyperparameters that differ from the defaults of ``learning.hyperparameters``.
         memory_expert: expert with memory. Recurrent policies imitate it instead of ``feedback_expert``.
         detour_m: returns the extra length (N,) of the path of tool and hand, compared with the straight path. The
             hyperparameter ``detour_weight_per_m`` needs it.
-        marks: markers on the person.
+        marks: markers that the task draws on the person's arm, such as an itch.
         withdraws_after_success: whether the robot withdraws its tool after success. This also needs the option
             ``withdraw_after_success`` of the episode or session.
         variant: function that returns the task with the tool, particles and table of settings. ``None``: the task has

@@ -50,7 +50,7 @@ class Engine(Protocol):
 
     Attributes:
         name: the engine's name in ``--engine``, without the device.
-        device: the device that computes.
+        device: name of the device that computes physics, such as ``cpu``.
         batch: the worlds on the host, with the model fields that differ between worlds. The host computes initial
             states.
         world_arrays: arrays of the current state: the arrays of ``batch``, copies on the host, or tensors on the

@@ -154,10 +154,10 @@ def rubbing_target(
 
     Args:
         state: physical state of N worlds.
-        task_state: contains the itch.
+        task_state: state of the task, with the position of the itch.
         pos_w: current target of the tip (N, 3), world frame.
         rod_w: rod direction, unit vectors (N, 3), world frame.
-        press: force control.
+        press: parameters of the force control.
     """
     _, limb_q_w = itch_limb_frame(state, task_state)
     out, along = skin_directions_w(task_state, limb_q_w)

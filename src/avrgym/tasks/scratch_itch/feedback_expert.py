@@ -131,7 +131,7 @@ def hand_rotation_rad(rod_w: FloatArray, out_w: FloatArray, in_front: FloatArray
     Args:
         rod_w: rod direction, unit vectors (N, 3), world frame.
         out_w: skin normal at the itch, unit vectors (N, 3), world frame.
-        in_front: see ``hand_direction_w``.
+        in_front: weight (N,) of the approach from the front, 0 to 1.
     """
     axis, angle = _turn(rod_w, -hand_direction_w(out_w, in_front))
     askew_rad = MAX_ROD_ANGLE_RAD + in_front * (FRONT_MAX_ROD_ANGLE_RAD - MAX_ROD_ANGLE_RAD)
