@@ -1,6 +1,6 @@
 """Detects obstructed parts of the person's body. Contacts prevent such a part from reaching its target.
 
-A contact torque τ displaces a resting servo of stiffness k by τ / k from its target. In free motion, servos lag too,
+A contact torque τ displaces a resting servo of stiffness k by τ / k from its target. In free motion, servos also lag,
 but with τ = 0. The torque therefore distinguishes obstruction from lag.
 """
 

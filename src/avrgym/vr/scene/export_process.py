@@ -26,7 +26,7 @@ MAX_CACHED_SCENES = 10
 
 
 def warm_up() -> None:
-    """Does nothing. As its first task, the process thereby imports its modules before a scene is requested."""
+    """Does nothing. When the process runs this function, it imports its modules, before a scene is requested."""
 
 
 def export_scene(environment_id: str, person: Person, settings: Settings = DEFAULT_SETTINGS) -> bytes:

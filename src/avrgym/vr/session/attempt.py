@@ -71,7 +71,7 @@ class Attempt:
         *,
         first_number: int = 1,
     ) -> None:
-        """Open the recording of a new attempt. Its number is the first without a file in ``folder``.
+        """Open the recording of a new attempt. Its number is the first number without a file in ``folder``.
 
         Args:
             folder: the folder of recordings; created if it is missing.

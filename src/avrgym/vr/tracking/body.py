@@ -128,7 +128,7 @@ class _Aim:
     """The targets of the inverse kinematics: the torso's angles (6,), and the hand poses of A arms.
 
     ``arms`` (A, 7) are indices of the arms' joints; ``hand_pos`` (A, 3) and ``hand_axes`` (A, 3, 3) are in the frame of
-    the right shoulder; a left hand is reflected. ``reflect`` (A, 7) are the signs of reflected angles.
+    the right shoulder; a left hand is reflected. ``reflect`` (A, 7): signs of the joint angles of a reflected arm.
     """
 
     torso_rad: FloatArray

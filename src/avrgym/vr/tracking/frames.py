@@ -68,7 +68,7 @@ def _continues(number: int, before: int) -> bool:
 
 @dataclass(frozen=True)
 class ReceivedFrame:
-    """A tracking frame with its arrival time. ``is_usable``: the frame is valid and may move the simulated person.
+    """A tracking frame with its arrival time. ``is_usable``: whether it is valid and may move the simulated person.
 
     ``captured_s`` is the capture time, computed from the client's clock. It is at most the arrival time, and not far
     below it. Network delays do not change the intervals between capture times.
