@@ -17,7 +17,7 @@ from avrgym.tasks.task import Expert
 from helpers.learning.experts import assert_matches_feedback_expert
 from helpers.simulation.initial_states import reset_episodes
 
-WORLDS = 4
+WORLDS = 12
 FEEDING = "avrgym/FeedingPR2-v1"
 
 
