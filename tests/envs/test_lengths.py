@@ -1,6 +1,7 @@
 """Episodes of any length: one world and many end at the requested step, which ``spec`` states."""
 
 from collections.abc import Callable
+from itertools import cycle
 from typing import Any
 
 import gymnasium as gym
@@ -93,8 +94,7 @@ def test_a_longer_episode_begins_as_the_usual_one(mode: AutoresetMode) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("people", POPULATION_NAMES)
-@pytest.mark.parametrize("environment", ENVIRONMENTS)
+@pytest.mark.parametrize(("environment", "people"), list(zip(ENVIRONMENTS, cycle(POPULATION_NAMES))))
 def test_everybody_lives_on_for_twice_as_long(environment: str, people: str) -> None:
     env = gym.make_vec(environment, num_envs=2, people=people, max_episode_steps=2 * EPISODE_STEPS)
     env.reset(seed=0)
