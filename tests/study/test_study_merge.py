@@ -166,7 +166,7 @@ def test_interrupted_deletion_is_completed_by_the_next_merge(
     with Store(sites[0]) as store:
         delete_participant(store, "sub-001")
     with monkeypatch.context() as broken:
-        broken.setattr(deletion, "_remove", lambda *_: 1 / 0)
+        broken.setattr(deletion, "remove_recordings", lambda *_: 1 / 0)
         with pytest.raises(ZeroDivisionError):
             merge_studies(sites, out)
     merge_studies(sites, out)
