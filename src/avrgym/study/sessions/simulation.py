@@ -24,9 +24,10 @@ from avrgym.study.checking.preflight import environment_policy_pairs, load_study
 from avrgym.study.design.design import FILE
 from avrgym.study.people.participants import add_note, enrol_participant, record_consent, record_inclusion
 from avrgym.study.sessions.visit import StudyVisit, has_unfinished_trials
-from avrgym.study.storage.rows import Participant
+from avrgym.study.storage.rows import Participant, StudySession
+from avrgym.study.storage.sessions import end_open_sessions, may_be_running
 from avrgym.study.storage.states import UNKNOWN_PARTICIPATION, StudyError
-from avrgym.study.storage.store import Store
+from avrgym.study.storage.store import Store, find_participant, find_rows
 from avrgym.system import random_streams
 from avrgym.system.jobs import available_core_count, starmap
 from avrgym.tasks.registry import TASKS
@@ -161,15 +162,26 @@ def simulate_participant(folder: Path, pseudonym: str, dry_run: DryRunSettings) 
 
 
 def _run_visits(store: Store, pseudonym: str, dry_run: DryRunSettings) -> None:
-    """Run sessions until no trial remains. A session ends at the maximum time in VR."""
-    while has_unfinished_trials(store, pseudonym):
+    """Run sessions until the participant has completed the study. A session ends at the maximum time in VR."""
+    _end_killed_sessions(store, pseudonym)
+    while store.participant(pseudonym).state == "allocated":
         before = len(store.remaining_trials(pseudonym))
         _run_visit(store, pseudonym, dry_run)
-        if len(store.remaining_trials(pseudonym)) == before:
+        unfinished = has_unfinished_trials(store, pseudonym)
+        if unfinished and len(store.remaining_trials(pseudonym)) == before:
             limit = store.design.sessions.max_headset_minutes
             raise StudyError(
                 f"{pseudonym} completed no trial within max_headset_minutes = {limit:g}; set a higher limit in {FILE}"
             )
+
+
+def _end_killed_sessions(store: Store, pseudonym: str) -> None:
+    """End the open sessions of a killed dry run. Their running trials are then planned again."""
+    with store.write_transaction() as connection:
+        participant = find_participant(connection, pseudonym)
+        sessions = find_rows(connection, StudySession, participant=participant.number, state="open")
+        if not any(may_be_running(store, session) for session in sessions):
+            end_open_sessions(store, connection, participant, attempts="interrupted", sessions="interrupted")
 
 
 def _run_visit(store: Store, pseudonym: str, dry_run: DryRunSettings) -> None:
