@@ -35,15 +35,12 @@ def test_a_spec_is_rebuilt_from_json() -> None:
 
 
 @pytest.mark.slow
-def test_videos_and_pictures(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_video_is_recorded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("moviepy")
     monkeypatch.chdir(tmp_path)
     exec(code("how_to/gymnasium.md", "RecordVideo"), {"gym": gym})
     (video,) = Path("videos").glob("*.mp4")
     assert video.stat().st_size > 1000
-    assert capsys.readouterr().out.splitlines()[-1] == "(480, 640, 3) (25,)"
 
 
 def add(task: Task, patch: pytest.MonkeyPatch) -> str:
