@@ -542,10 +542,10 @@ export class App {
     this.page.targets.highlight(selection.highlighted, selection.progress);
   }
 
-  /** Shows the direction of the robot while it is out of view, on the page, and in VR while it moves. */
+  /** Shows the direction of the robot while it is out of view, on the page, and in VR while it moves without a panel. */
   private updateRobotDirection(): void {
     const place = this.world.robot;
-    const head = this.presenting && isRunning(this.phase) ? this.lastPoses?.head : null;
+    const head = this.presenting && isRunning(this.phase) && !this.panel.visible ? this.lastPoses?.head : null;
     this.robotPointer.update(head ?? null, place);
     this.robotArrow.update(this.view.camera, this.presenting ? null : place);
   }
