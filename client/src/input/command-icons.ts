@@ -1,7 +1,7 @@
 import { Group, Quaternion, Vector3 } from "three";
 import { CanvasPlane } from "../panel/canvas-plane";
 import { paintCommand } from "../panel/paint-panel";
-import { findFreePlace } from "../panel/panel-placement";
+import { findFreePlace, upOfView } from "../panel/panel-placement";
 import type { CommandLabel, Presentation, Target } from "../generated/messages";
 import { PRESENTATION } from "./input-profile";
 
@@ -15,7 +15,7 @@ const DISTANCE_M = 1;
 const ASIDE_RAD = (22 * Math.PI) / 180;
 /** Greatest angle between the icons and the viewing direction in which they appear. */
 const IN_VIEW_RAD = (28 * Math.PI) / 180;
-/** Range of the elevation of the icons. */
+/** Range of the elevation of the icons in the view of the participant at rest. */
 const [LOWEST_RAD, HIGHEST_RAD] = [-15, 40].map((angle) => (angle * Math.PI) / 180) as [number, number];
 /** Most icons in a column. */
 const ROWS = 4;
@@ -65,17 +65,30 @@ export class CommandIcons {
     return this.icons[value - FIRST_ICON]?.command.name ?? null;
   }
 
-  /** Places new icons once, at the robot's side that is away from the stop sign, or on the preferred side. */
-  place(viewer: XRViewerPose | undefined, robot: Vector3 | null, surfacePoints: (eyes: Vector3) => Float32Array, { position }: Presentation): void {
+  /**
+   * Places new icons once, at the robot's side that is away from the stop sign, or on the preferred side.
+   *
+   * `reclineRad`: recline angle of the participant. The icons are in the view of a head that rests at this angle.
+   */
+  place(
+    viewer: XRViewerPose | undefined,
+    robot: Vector3 | null,
+    surfacePoints: (eyes: Vector3) => Float32Array,
+    { position }: Presentation,
+    reclineRad = 0,
+  ): void {
     if (this.placed || this.icons.length === 0 || !viewer) return;
     this.see(viewer);
     const ahead = robot ? robot.clone().sub(this.eyes).normalize() : this.gaze.clone();
-    const elevation = Math.min(Math.max(Math.asin(ahead.y), LOWEST_RAD), HIGHEST_RAD);
+    const up = upOfView(this.gaze, reclineRad);
+    const elevation = Math.min(Math.max(Math.asin(ahead.dot(up)), LOWEST_RAD), HIGHEST_RAD);
     const { x, y } = this.group.scale.clone().multiplyScalar(PITCH_M / 2);
     const half = { x: x * Math.ceil(this.icons.length / ROWS), y: y * Math.min(this.icons.length, ROWS) };
-    const turn = angleTo(this.gaze, ahead) + (position === "left" ? -ASIDE_RAD : ASIDE_RAD);
+    const turn = angleTo(this.gaze, ahead, up) + (position === "left" ? -ASIDE_RAD : ASIDE_RAD);
     const preferred = { distance: DISTANCE_M, turn: Math.min(Math.max(turn, -IN_VIEW_RAD), IN_VIEW_RAD) };
-    this.group.position.copy(findFreePlace(this.eyes, this.gaze, surfacePoints(this.eyes), half, elevation, preferred));
+    const points = surfacePoints(this.eyes);
+    this.group.position.copy(findFreePlace(this.eyes, this.gaze, points, half, reclineRad + elevation, preferred));
+    this.group.up.copy(up);
     this.group.lookAt(this.eyes);
     this.group.updateMatrixWorld(true);
     this.group.visible = this.placed = true;
@@ -110,10 +123,9 @@ export class CommandIcons {
   }
 }
 
-/** The horizontal angle from one direction to another, positive to the right. */
-function angleTo(from: Vector3, to: Vector3): number {
-  const angle = Math.atan2(from.z, from.x) - Math.atan2(to.z, to.x);
-  return -Math.atan2(Math.sin(angle), Math.cos(angle));
+/** The angle about an axis from one direction to another, positive to the right. */
+function angleTo(from: Vector3, to: Vector3, up: Vector3): number {
+  return -Math.atan2(up.dot(from.clone().cross(to)), from.dot(to) - from.dot(up) * to.dot(up));
 }
 
 /** One icon: a disc with symbol, label and ring. */

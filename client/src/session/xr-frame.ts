@@ -44,7 +44,8 @@ export class XRFrameHandler {
     this.frames++;
     const { panel, selection, icons, world } = this;
     const viewer = frame.getViewerPose(space);
-    icons.place(viewer, world.robot, (eyes) => world.surfacePoints(eyes), selection.profile.presentation);
+    const { presentation } = selection.profile;
+    icons.place(viewer, world.robot, (eyes) => world.surfacePoints(eyes), presentation, world.reclineRad);
     icons.highlight(selection.highlighted, selection.progress);
     if (panel.visible) this.placePanel(viewer);
     if (panel.buttons.length > 0) this.point(frame, space);

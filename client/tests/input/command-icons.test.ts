@@ -49,6 +49,18 @@ describe("the icons of robot commands", () => {
     if (Math.abs(toolDeg) < 5) expect([left, right].map(Math.round)).toEqual([-22, 22]);
   });
 
+  it.each([[-60, 0], [0, -40], [0, 20], [40, -20], [40, 0]])("are upright and in the view in bed with a tool at %d°, %d° high", (toolDeg, highDeg) => {
+    const recline = 30 * DEGREE;
+    const [gaze, up] = [new Vector3(0, Math.sin(recline), -Math.cos(recline)), new Vector3(0, Math.cos(recline), Math.sin(recline))];
+    const icons = new CommandIcons();
+    icons.show(NAMES.slice(0, 3).map((name) => ({ name, label: name })), PRESENTATION);
+    const tool = new Vector3().setFromSphericalCoords(0.6, (90 - highDeg) * DEGREE, (180 - toolDeg) * DEGREE).add(EYES);
+    icons.place(looking(gaze), tool, NOWHERE, PRESENTATION, recline);
+    const centres = icons.targets.map(({ value }) => icons.centreOf(value)!.sub(EYES));
+    expect(Math.max(...centres.map((centre) => centre.angleTo(gaze) / DEGREE))).toBeLessThan(40);
+    expect(centres[0]!.clone().sub(centres[2]!).normalize().dot(up)).toBeGreaterThan(0.9);
+  });
+
   it("disappear when no command is possible", () => {
     const icons = placed(3, 0);
     icons.show([], PRESENTATION);
